@@ -226,7 +226,7 @@ fn r11_one_run_of_a_pipeline_at_a_time() {
     .unwrap();
     held.lock().unwrap();
     let told = start(&[]).wait_with_output().unwrap();
-    assert_eq!(told.status.code(), Some(1));
+    assert_eq!(told.status.code(), Some(3));
     assert!(
         stderr(&told).contains("another run of `small` is at work") && stderr(&told).contains("--wait"),
         "{}",

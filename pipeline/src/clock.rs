@@ -7,6 +7,18 @@ pub fn now() -> String {
     utc(SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs()))
 }
 
+/// The time of day, UTC, with milliseconds, as `2026-01-31T23:59:59.000Z`.
+pub fn now_ms() -> String {
+    let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+    let whole = utc(since.as_secs());
+    format!("{}.{:03}Z", whole.trim_end_matches('Z'), since.subsec_millis())
+}
+
+/// Seconds since 1970.
+pub fn unix() -> f64 {
+    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |d| d.as_secs_f64())
+}
+
 /// Seconds since 1970 as a date and a time. [Hinnant, chrono-compatible low-level date algorithms, `civil_from_days`]
 fn utc(seconds: u64) -> String {
     let (days, of_day) = (seconds / 86_400 + 719_468, seconds % 86_400);

@@ -7,7 +7,7 @@ pub mod publish;
 mod search;
 mod set;
 
-use std::{collections::BTreeMap, ops::Range, path::PathBuf};
+use std::{collections::BTreeMap, ops::Range, path::PathBuf, time::Duration};
 
 use schemas::{Args, Fault, Given, Literal, Section};
 use toml::{
@@ -58,6 +58,8 @@ pub struct Spec {
     /// Whether the bytes of every input are read, however much it looks like the one that was read last; not part of
     /// the file.
     pub verify_inputs: bool,
+    /// Files of flights that were written to less than so long ago are left out; not part of the file.
+    pub settle: Option<Duration>,
 }
 
 /// A table read from files.
@@ -250,6 +252,7 @@ impl Reading {
             stages,
             publish,
             verify_inputs: false,
+            settle: None,
         };
         // The first trials are known without any scores.
         let first = spec.search.as_ref().map(|search| Course::new(search).rows());

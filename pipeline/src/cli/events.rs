@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use serde_json::{Map, Value, json};
 
-use super::say::out;
+use super::{say::out, schedule::compared};
 use crate::{
     clock,
     plan::Point,
@@ -51,7 +51,7 @@ impl Json {
                 "done": step.done,
                 "all": step.all,
             }),
-            Event::Started { pipeline, units, run, notes } => json!({
+            Event::Started { pipeline, units, run, notes, .. } => json!({
                 "event": "started",
                 "pipeline": pipeline,
                 "version": env!("CARGO_PKG_VERSION"),
@@ -116,16 +116,20 @@ impl Json {
             "warnings": summary.warnings.iter().map(warning).collect::<Vec<_>>(),
             "scores": summary.scores.iter().flat_map(|(name, s)| scores(name, s)).collect::<Vec<_>>(),
             "quality": summary.quality,
+            "left": summary.left,
+            "compared": summary.compared.iter().map(compared).collect::<Vec<_>>(),
             "interrupted": summary.interrupted,
         })
     }
 }
 
-fn counts(c: &Count) -> Value {
+/// The number of units by outcome.
+pub(super) fn counts(c: &Count) -> Value {
     json!({ "computed": c.computed, "reused": c.reused, "failed": c.failed, "skipped": c.skipped })
 }
 
-fn merged(mut base: Value, more: Value) -> Value {
+/// An object with the keys of both.
+pub(super) fn merged(mut base: Value, more: Value) -> Value {
     if let (Some(base), Value::Object(more)) = (base.as_object_mut(), more) {
         base.extend(more);
     }
@@ -171,7 +175,8 @@ fn best_json(best: Option<&Scored>) -> Value {
     best.map_or(Value::Null, |b| json!({ "trial": b.row.trial, "goal": b.goal }))
 }
 
-fn failure(f: &Failure) -> Value {
+/// A failure, as events and summaries have it.
+pub(super) fn failure(f: &Failure) -> Value {
     json!({
         "stage": f.table,
         "axes": point_json(&f.point),
@@ -181,7 +186,8 @@ fn failure(f: &Failure) -> Value {
     })
 }
 
-fn warning(w: &Warning) -> Value {
+/// A warning, as events and summaries have it.
+pub(super) fn warning(w: &Warning) -> Value {
     json!({
         "stage": w.stage,
         "axes": point_json(&w.point),

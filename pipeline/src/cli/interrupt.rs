@@ -1,6 +1,10 @@
 //! The effect of Ctrl-C on a run.
 
-use std::{io::Write, process::exit, sync::atomic::Ordering};
+use std::{
+    io::Write,
+    process::exit,
+    sync::{Mutex, PoisonError, atomic::Ordering},
+};
 
 use super::temporary;
 use crate::{
@@ -29,13 +33,29 @@ pub fn leave() {
 /// files that were read are kept in it.
 pub fn listen() {
     // Where no handler can be set, an interrupt ends the process at once.
-    let _ = ctrlc::set_handler(|| {
-        INTERRUPTED.store(true, Ordering::SeqCst);
-        if !STARTED.load(Ordering::SeqCst) {
-            let _ = writeln!(std::io::stderr(), "{SAID}");
-            exit(i32::from(STATUS));
-        }
-    });
+    let _ = ctrlc::set_handler(|| stop(STATUS, SAID));
+}
+
+/// Ends a run after the units that are being computed, or at once with `status` while sources are read.
+pub fn stop(status: u8, said: &str) {
+    INTERRUPTED.store(true, Ordering::SeqCst);
+    if !STARTED.load(Ordering::SeqCst) {
+        // Held to the end: another thread that stops the process waits for what is done here.
+        let mut last = LAST.lock().unwrap_or_else(PoisonError::into_inner);
+        last.take().into_iter().for_each(|last| last(status));
+        let _ = writeln!(std::io::stderr(), "{said}");
+        exit(i32::from(status));
+    }
+}
+
+/// What is done before a process ends at once, with its exit status.
+type Last = Box<dyn FnOnce(u8) + Send>;
+
+static LAST: Mutex<Option<Last>> = Mutex::new(None);
+
+/// Sets what is done before an interrupt ends the process at once.
+pub fn at_exit(last: impl FnOnce(u8) + Send + 'static) {
+    *LAST.lock().unwrap_or_else(PoisonError::into_inner) = Some(Box::new(last));
 }
 
 /// From now on an interrupt ends a worker as [`listen`] ends a run, and the units at work are not counted as lost: what

@@ -13,6 +13,7 @@ mod progress;
 mod publish;
 mod report;
 mod say;
+mod schedule;
 mod sql;
 mod task;
 mod temporary;
@@ -193,9 +194,8 @@ struct RunArgs {
     /// Read the bytes of every input, even where its size and time are unchanged.
     #[arg(long)]
     verify_inputs: bool,
-    /// Wait for another run of the same pipeline in the same store, instead of failing.
-    #[arg(long)]
-    wait: bool,
+    #[command(flatten)]
+    schedule: schedule::ScheduleArgs,
     /// One JSON event per line on standard output; `magline run --help` describes them.
     #[arg(long)]
     json: bool,
@@ -249,7 +249,12 @@ Events of --json, one object per line, each with the key `event`:
   table       table, seconds, computed, reused, failed, skipped
   finished    computed, reused, failed, skipped; version, run, time, seconds, folder; tables (the same counts and the \
 seconds of each); failures; notes; warnings (stage, axes, flight, line, kind, value, limit, unit, text, cause); scores \
-(stage, axes, lines, marked, metrics: pooled over the lines, null where there is none); interrupted
+(stage, axes, lines, marked, metrics: pooled over the lines, null where there is none); left (tables that --until left \
+as they were), compared (of --force: table, units, differ); interrupted
+
+Exit status: 0 all is there; 1 something failed, the rest is kept; 2 the spec, an argument or an input is wrong, nothing \
+was run; 3 another run of the pipeline has the lock; 4 stopped by --max-time; 130 interrupted. After 4 and 130 the same \
+command goes on from there.
 
 `run` is a hash of what is asked and of the data it is asked of: the same for the same spec and inputs. `time` is UTC.";
 
@@ -259,6 +264,10 @@ enum Stop {
     Wrong(String),
     /// Something failed while running.
     Failed(String),
+    /// Another run of the pipeline is at work; nothing was run.
+    Locked(String),
+    /// The limit of time is over.
+    OutOfTime,
     /// Interrupted.
     Interrupted,
 }
@@ -329,6 +338,14 @@ pub fn main(catalogue: &[Entry]) -> ExitCode {
         Err(Stop::Wrong(text)) => {
             err!("{text}");
             ended(2)
+        }
+        Err(Stop::Locked(text)) => {
+            err!("{text}");
+            ended(schedule::LOCKED)
+        }
+        Err(Stop::OutOfTime) => {
+            err!("{}", schedule::STOPPED);
+            ended(schedule::OUT_OF_TIME)
         }
         Err(Stop::Interrupted) => {
             err!("{}", interrupt::SAID);
@@ -452,23 +469,66 @@ fn synth(spec: &std::path::Path, to: &std::path::Path, quiet: bool) -> Result<()
 
 fn run_spec(catalogue: &[Entry], args: &RunArgs, compact: bool) -> Result<(), Stop> {
     let engine = engine(args)?;
+    let watch = schedule::watch(&args.schedule, &args.spec)?;
     interrupt::listen();
-    let mut spec = read_spec(&args.spec.spec, &args.spec.sets)?;
-    spec.verify_inputs = args.verify_inputs;
-    let plan = Plan::new(spec, catalogue)?;
-    let store = open(&plan.spec)?;
+    QUIET.store(args.quiet, Ordering::Relaxed);
+    let ran = ran(catalogue, args, compact, &*engine, &watch);
+    let (done, summary) = match ran {
+        Ok((done, summary)) => (done, Some(summary)),
+        Err(stop) => (Err(stop), None),
+    };
+    watch.end(&done, summary.as_ref());
+    done
+}
+
+/// A run that has come to an end, and what its user is told of it.
+fn ran(
+    catalogue: &[Entry],
+    args: &RunArgs,
+    compact: bool,
+    engine: &dyn run::Engine,
+    watch: &schedule::Watch,
+) -> Result<(Result<(), Stop>, Summary), Stop> {
+    let read = || {
+        let mut spec = read_spec(&args.spec.spec, &args.spec.sets)?;
+        spec.verify_inputs = args.verify_inputs;
+        spec.settle = args.schedule.settle();
+        Plan::new(spec, catalogue)
+    };
+    let (plan, store, publisher) = args.schedule.enter(&read, watch)?;
+    let named = args.schedule.named(&plan)?;
     let pool = threads::pool(args.threads)?;
-    let options = run::Options { wait: args.wait, compact, retries: args.retries, engine: &*engine };
+    let options = run::Options { wait: false, compact, retries: args.retries, engine, until: named.until };
+    watch.begin(&plan);
+    let limit = args.schedule.limit();
+    let run = |listener: &dyn Listener| -> Result<(Plan, Summary), Faults> {
+        let but_the_end = schedule::ButTheEnd(listener);
+        let heard: &dyn Listener = if named.force.is_some() { &but_the_end } else { listener };
+        let (plan, mut summary) =
+            run::search(plan, catalogue, &store, &publisher, options, &schedule::Both(watch, heard))?;
+        if let Some(table) = named.force {
+            if !summary.interrupted {
+                match run::again(&plan, &store, table, &schedule::Working(listener))? {
+                    Some(found) => schedule::told_again(&mut summary, found),
+                    None => summary.interrupted = true,
+                }
+            }
+            listener.hear(&Event::Finished { summary: &summary });
+        }
+        Ok((plan, summary))
+    };
     let (plan, summary) = if args.json {
-        pool.install(|| run::search(plan, catalogue, &store, options, &events::Json::new()))?
+        let json = events::Json::new();
+        pool.install(|| run(&json))?
     } else {
         let progress = Progress::new(args.quiet);
-        pool.install(|| run::search(plan, catalogue, &store, options, &progress))?
+        pool.install(|| run(&progress))?
     };
+    drop(limit);
     if !args.json {
         conclude(&plan, &summary, args.quiet)?;
     }
-    ending(&summary, args.json)
+    Ok((ending(&summary, args.json), summary))
 }
 
 /// A count with its noun: `1 line`, `2 lines`.
@@ -527,7 +587,7 @@ fn scores_of(summary: &Summary) -> String {
 
 fn ending(summary: &Summary, json: bool) -> Result<(), Stop> {
     if summary.interrupted {
-        return Err(Stop::Interrupted);
+        return Err(if schedule::is_out_of_time() { Stop::OutOfTime } else { Stop::Interrupted });
     }
     if summary.failures.is_empty() {
         return Ok(());
@@ -551,6 +611,10 @@ fn ending(summary: &Summary, json: bool) -> Result<(), Stop> {
     if said.len() > SHOWN {
         text.push_str(&format!("\n  and {} more", said.len() - SHOWN));
     }
-    text.push_str(&format!("\nall of them are in {}", summary.folder.join("failures").display()));
+    let differ: usize = summary.compared.iter().map(|c| c.differ.len()).sum();
+    if differ < summary.failures.len() {
+        let which = if differ > 0 { "those of the run" } else { "all of them" };
+        text.push_str(&format!("\n{which} are in {}", summary.folder.join("failures").display()));
+    }
     Err(Stop::Failed(if json { String::new() } else { text }))
 }

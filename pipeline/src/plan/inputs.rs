@@ -231,7 +231,8 @@ impl Builder<'_> {
             let schema = recorded.columns(&decl.name).map_err(|fault| vec![fault])?;
             return Ok(Flights::recorded(&decl.name, schema));
         }
-        let trust = Trust { store: Some(&self.spec.store), read_all: self.spec.verify_inputs };
+        let trust =
+            Trust { store: Some(&self.spec.store), read_all: self.spec.verify_inputs, settle: self.spec.settle };
         Flights::open_trusting(decl, &self.spec.folder, trust)
     }
 }

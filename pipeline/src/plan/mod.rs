@@ -147,6 +147,11 @@ impl Plan {
         found.into_iter().collect()
     }
 
+    /// The name of the table at a position; empty where there is none.
+    pub fn table_name(&self, table: usize) -> &str {
+        self.tables.get(table).map_or("", |t| t.name.as_str())
+    }
+
     /// The name of a reference in the spec.
     pub fn name_of(&self, r: Ref) -> &str {
         match r {

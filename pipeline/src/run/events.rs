@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::Summary;
 use crate::{
-    plan::Point,
+    plan::{Graph, Point},
     sources::ReadStep,
     spec::{Row, Scored, Search},
 };
@@ -83,6 +83,8 @@ pub enum Event<'a> {
         run: &'a str,
         /// Choices made automatically.
         notes: &'a [String],
+        /// What is run.
+        graph: &'a Graph<'a>,
     },
     /// The missing part of a table is computed now.
     Computing {

@@ -1,5 +1,6 @@
 //! Running a plan: missing results are computed, the rest is reused, and failures are isolated.
 
+mod again;
 mod compute;
 mod cut;
 mod engine;
@@ -18,12 +19,14 @@ mod search;
 mod table;
 mod task;
 mod trials;
+mod until;
 mod work;
 
 use std::{collections::HashMap, sync::atomic::Ordering, time::Instant};
 
 use schemas::{Fault, Grain, InputKind};
 
+pub use again::{Compared, again};
 pub use engine::{Engine, Local, Wave};
 pub use events::{Count, Event, Listener, Outcome, Quiet};
 pub use failure::{Failure, said_once};
@@ -79,6 +82,10 @@ pub struct Summary {
     pub interrupted: bool,
     /// The folder of the tables.
     pub folder: std::path::PathBuf,
+    /// Tables that were not asked for, and are as they were before.
+    pub left: Vec<String>,
+    /// What came of computing again what was there.
+    pub compared: Vec<Compared>,
 }
 
 impl Summary {
@@ -109,6 +116,8 @@ pub struct Options<'a> {
     pub retries: usize,
     /// What computes.
     pub engine: &'a dyn Engine,
+    /// Compute only the table at this position of the plan, and what it is made from. Not for a search.
+    pub until: Option<usize>,
 }
 
 /// How often a unit is tried again after its worker was lost, unless the user says otherwise.
@@ -116,7 +125,7 @@ pub const RETRIES: usize = 2;
 
 impl Default for Options<'_> {
     fn default() -> Self {
-        Options { wait: false, compact: false, retries: RETRIES, engine: &Local }
+        Options { wait: false, compact: false, retries: RETRIES, engine: &Local, until: None }
     }
 }
 
@@ -131,9 +140,20 @@ const HEALINGS: usize = 5;
 /// has been run then.
 pub fn run(plan: &Plan, store: &Store, options: Options<'_>, listener: &dyn Listener) -> Result<Summary, Faults> {
     let publisher = store.publisher(&plan.spec.name, options.wait).map_err(|f| plan.spec.faults(vec![f]))?;
+    run_locked(plan, store, &publisher, options, listener)
+}
+
+/// [`run`], by whoever has the lock of the pipeline.
+fn run_locked(
+    plan: &Plan,
+    store: &Store,
+    publisher: &Publisher,
+    options: Options,
+    listener: &dyn Listener,
+) -> Result<Summary, Faults> {
     let rows = plan.spec.search.as_ref().map(|search| Course::new(search).rows()).unwrap_or_default();
     let pass = Pass { last: true, rows: &rows, known: None, relay: None };
-    let summary = healed(plan, store, options, &publisher, listener, &pass)?;
+    let summary = healed(plan, store, options, publisher, listener, &pass)?;
     if let Some(search) = plan.spec.search.as_ref().filter(|_| !summary.trials.is_empty()) {
         listener.hear(&Event::Trials { search, scored: &summary.trials, best: best(&summary.trials) });
     }
@@ -198,9 +218,11 @@ fn once(
     let graph = Graph::new(plan, store, &tick)?;
     trials::check(&graph).map_err(|f| plan.spec.faults(vec![f]))?;
     STARTED.store(true, Ordering::SeqCst);
-    let units: usize = (0..plan.tables.len()).map(|t| graph.unit_count(t)).sum();
+    let mut asked = until::Asked::new(plan, options.until);
+    let units: usize = (0..plan.tables.len()).filter(|t| asked.is(*t)).map(|t| graph.unit_count(t)).sum();
     let run = run_id(&graph);
-    listener.hear(&Event::Started { pipeline: &plan.spec.name, units, run: &run, notes: &plan.notes });
+    let pipeline = &plan.spec.name;
+    listener.hear(&Event::Started { pipeline, units, run: &run, notes: &plan.notes, graph: &graph });
     let recorded = if options.engine.is_local() { None } else { Some(recorded(&graph, store)?) };
     let worker = Worker::new(&graph, store, listener);
     let mut runner = Runner::new(&worker, listener, options, recorded);
@@ -209,6 +231,12 @@ fn once(
     for (t, node) in plan.tables.iter().enumerate() {
         if INTERRUPTED.load(Ordering::Relaxed) {
             break;
+        }
+        if !asked.is(t) && runner.is_left(t, &asked.left) {
+            asked.left.push(t);
+            packs.push(vec![]);
+            runner.seconds.push((0, 0.0));
+            continue;
         }
         let started = Instant::now();
         let (count, found) = runner.table(t);
@@ -247,9 +275,11 @@ fn once(
                 return Ok(());
             }
             plan.tables.iter().for_each(|node| listener.hear(&Event::Publishing { table: &node.name }));
-            let publication = publish::Publication { graph: &graph, store, run: &run, packs: &packs, there: &there };
+            let left = &asked.left;
+            let publication =
+                publish::Publication { graph: &graph, store, run: &run, packs: &packs, left, there: &there };
             publication.publish(publisher, &failures, &warnings, &trials)?;
-            let snapshot = views::record(&graph, store, &seconds)?;
+            let snapshot = views::record(&graph, store, &seconds, &asked.left)?;
             let total = tables.iter().fold(Count::default(), |sum, (_, c)| sum + *c);
             let past = Past {
                 time: clock::now(),
@@ -266,9 +296,12 @@ fn once(
     }
     let (quality, quality_lines) = quality::count(&graph);
     let folder = store.root().join("tables").join(&plan.spec.name);
-    let scores = if interrupted || !pass.last { vec![] } else { scores::all(plan, &folder, &warnings) };
-    let seconds = seconds.into_iter().map(|(_, s)| s).collect();
-    let notes = plan.notes.clone();
+    let mut scores = if interrupted || !pass.last { vec![] } else { scores::all(plan, &folder, &warnings) };
+    let left: Vec<String> = asked.names(plan).map(str::to_owned).collect();
+    scores.retain(|(name, _)| !left.contains(name));
+    let spent = seconds.into_iter().enumerate().filter(|(t, _)| !asked.left.contains(t));
+    let seconds = spent.map(|(_, (_, s))| s).collect();
+    let notes = plan.notes.iter().cloned().chain(asked.note(plan).filter(|_| !interrupted)).collect();
     Ok(Summary {
         tables,
         failures,
@@ -282,6 +315,8 @@ fn once(
         run,
         interrupted,
         folder,
+        left,
+        compared: vec![],
     })
 }
 

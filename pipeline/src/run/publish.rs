@@ -30,6 +30,8 @@ pub struct Publication<'a> {
     pub run: &'a str,
     /// The packs of each table.
     pub packs: &'a [Vec<Key>],
+    /// Tables that stay as the version before has them.
+    pub left: &'a [usize],
     /// Whether a unit is available.
     pub there: &'a (dyn Fn(Unit) -> bool + Sync),
 }
@@ -54,8 +56,12 @@ impl Publication<'_> {
             quality::table(graph, store)?,
         ];
         beside.extend(self::trials(plan, store, trials)?);
-        let mut tables = vec![];
+        let (mut tables, mut kept) = (vec![], vec![]);
         for (t, (node, packs)) in plan.tables.iter().zip(self.packs).enumerate() {
+            if self.left.contains(&t) {
+                kept.push(node.name.clone());
+                continue;
+            }
             if plan.spec.stages.iter().any(|s| s.name == node.name && !s.publish) {
                 continue;
             }
@@ -70,7 +76,7 @@ impl Publication<'_> {
                 tables.push(TableFiles { name: node.name.clone(), packs, units });
             }
         }
-        store.publish(publisher, self.run, &tables, &beside, &self.rests_on()).map(|_| ())
+        store.publish(publisher, self.run, &tables, &beside, &self.rests_on(), &kept).map(|_| ())
     }
 
     /// All packs that the tables reference: their own, and those of the sources.

@@ -11,31 +11,32 @@ use std::{
 
 use schemas::{Entry, Fault, Owner};
 
-use super::{Count, Event, Failure, Listener, Options, Outcome, Pass, Summary, healed, run, trials::in_order};
+use super::{Count, Event, Failure, Listener, Options, Outcome, Pass, Summary, healed, run_locked, trials::in_order};
 use crate::{
     keys::Key,
     plan::Plan,
     spec::{Course, Faults},
-    store::Store,
+    store::{Publisher, Store},
 };
 
-/// Runs `plan`; that of a search with all trials that follow from the scores. Returns the plan of all that was run.
+/// Runs `plan` by whoever has the lock of its pipeline; that of a search with all trials that follow from the scores.
+/// Returns the plan of all that was run.
 ///
 /// # Errors
-/// As [`run`].
+/// As [`super::run`].
 pub fn search(
     plan: Plan,
     catalogue: &[Entry],
     store: &Store,
+    publisher: &Publisher,
     options: Options<'_>,
     listener: &dyn Listener,
 ) -> Result<(Plan, Summary), Faults> {
     let found = plan.spec.search.clone();
     let Some((search, mut course)) = found.as_ref().map(|s| (s, Course::new(s))).filter(|(_, c)| !c.is_known()) else {
-        let summary = run(&plan, store, options, listener)?;
+        let summary = run_locked(&plan, store, publisher, options, listener)?;
         return Ok((plan, summary));
     };
-    let publisher = store.publisher(&plan.spec.name, options.wait).map_err(|f| plan.spec.faults(vec![f]))?;
     let relay = Relay::new(listener);
     let mut spec = plan.spec;
     while !course.next().is_empty() {
@@ -46,7 +47,7 @@ pub fn search(
         listener.hear(&Event::Searching { rows: &rows, trials: search.trials, best: course.best() });
         let pass = Pass { last: false, rows: &rows, known: None, relay: Some(&relay) };
         let one = Options { compact: false, ..options };
-        let mut summary = healed(&plan, store, one, &publisher, &relay, &pass)?;
+        let mut summary = healed(&plan, store, one, publisher, &relay, &pass)?;
         let refused = summary.failures.iter().any(|f| f.fault.owner == Owner::Machine);
         if summary.interrupted || refused {
             if !summary.interrupted {
@@ -64,7 +65,7 @@ pub fn search(
     let known = in_order(course.done().to_vec());
     relay.last();
     let pass = Pass { last: true, rows: &[], known: Some(&known), relay: Some(&relay) };
-    let summary = healed(&plan, store, Options { compact: true, ..options }, &publisher, &relay, &pass)?;
+    let summary = healed(&plan, store, Options { compact: true, ..options }, publisher, &relay, &pass)?;
     listener.hear(&Event::Finished { summary: &summary });
     Ok((plan, summary))
 }

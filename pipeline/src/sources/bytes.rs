@@ -4,7 +4,7 @@ use std::{
     fs,
     io::{self, Read},
     path::{Path, PathBuf},
-    time::{SystemTime, UNIX_EPOCH},
+    time::{Duration, SystemTime, UNIX_EPOCH},
 };
 
 use schemas::Fault;
@@ -29,6 +29,8 @@ pub struct Trust<'a> {
     pub store: Option<&'a Path>,
     /// Whether the bytes of every file are read, even where it looks unchanged.
     pub read_all: bool,
+    /// Files that were written to less than so long ago are left out: someone may still be writing them.
+    pub settle: Option<Duration>,
 }
 
 /// The properties that identify a version of a file without reading it.

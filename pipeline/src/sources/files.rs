@@ -3,6 +3,7 @@
 use std::{
     fs,
     path::{Path, PathBuf},
+    time::{Duration, SystemTime},
 };
 
 use datasets::FlightOptions;
@@ -46,6 +47,25 @@ pub fn find(path: &str, folder: &Path, any_name: bool) -> Result<Vec<PathBuf>, F
         return Err(fault.help(format!("looked for names that end in {}", known.join(", "))));
     }
     Ok(found)
+}
+
+/// Removes the files that were written to less than `settle` ago, and says which; for a clock that is behind, all that
+/// were written later.
+pub fn settled(found: &mut Vec<PathBuf>, settle: Duration) -> Option<String> {
+    const SHOWN: usize = 5;
+    let now = SystemTime::now();
+    let young = |p: &Path| {
+        let written = fs::metadata(p).and_then(|m| m.modified());
+        written.is_ok_and(|t| now.duration_since(t).map_or(true, |age| age < settle))
+    };
+    let (left, whole): (Vec<PathBuf>, Vec<PathBuf>) = std::mem::take(found).into_iter().partition(|p| young(p));
+    *found = whole;
+    let names: Vec<String> = left.iter().take(SHOWN).map(|p| p.display().to_string()).collect();
+    let more = if left.len() > SHOWN { format!(" and {} more", left.len() - SHOWN) } else { String::new() };
+    (!left.is_empty()).then(|| {
+        let seconds = settle.as_secs();
+        format!("left out, as written to in the last {seconds} s: {}{more}; the next run has them", names.join(", "))
+    })
 }
 
 /// The pattern for the files that `path` means from `folder`, whose own name is no pattern.

@@ -124,6 +124,11 @@ impl Flights {
         let shown = |f: &Fault| mapped.is_some() && mapping::is_shown(f);
         let any_name = decl.options.contains_key("format");
         let mut found = find(&decl.path.0, folder, any_name).map_err(|f| vec![placed(f)])?;
+        let young = trust.settle.and_then(|settle| files::settled(&mut found, settle));
+        if let Some(what) = young.as_ref().filter(|_| found.is_empty()) {
+            let fault = Fault::new(format!("`{}` has no file that is settled", decl.name)).help(what.clone());
+            return Err(vec![placed(fault)]);
+        }
         if let Some(mapped) = mapped.as_ref().filter(|_| found.len() > 1) {
             found.retain(|path| mapped.is_in(path));
             if found.is_empty() {
@@ -134,7 +139,7 @@ impl Flights {
         }
         let mut faults = vec![];
         let mut fields: Vec<arrow_schema::FieldRef> = vec![];
-        let (mut files, mut notes) = (vec![], vec![]);
+        let (mut files, mut notes) = (vec![], Vec::from_iter(young.map(|what| format!("`{}`: {what}", decl.name))));
         let threads = threads_in_each(found.len());
         for path in found {
             let opened = FlightFile::open(&path, files::hive(&path, &options), mapped.as_ref(), threads, trust);

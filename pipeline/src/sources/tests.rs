@@ -37,7 +37,7 @@ fn written(folder: &Path, flight: &str, lines: usize) {
 fn ingested(folder: &Path, store: &Store, threads: usize) -> (String, Vec<usize>) {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
     pool.install(|| {
-        let flights = Flights::open_trusting(&decl(), folder, Trust { store: Some(store.root()), read_all: false });
+        let flights = Flights::open_trusting(&decl(), folder, Trust { store: Some(store.root()), ..Trust::default() });
         let told = Mutex::new(vec![]);
         let tick = |step: &ReadStep| {
             if step.lines > 0 {
@@ -126,7 +126,7 @@ fn unit_what_opening_a_file_has_found_is_kept_for_as_long_as_the_file_is_the_sam
     let store = Store::open(&folder.path().join("store")).unwrap();
     ingested(folder.path(), &store, 1);
     let types = |read_all: bool| {
-        let trust = Trust { store: Some(store.root()), read_all };
+        let trust = Trust { store: Some(store.root()), read_all, settle: None };
         let flights = Flights::open_trusting(&decl(), folder.path(), trust).unwrap();
         flights.schema.field_with_name("note").unwrap().data_type().clone()
     };

@@ -13,7 +13,7 @@
 //! checkpoints/<key>           the state of a unit that takes minutes, until it is done
 //! attempts/<key>/<n>          a worker of another process computes the unit, or was lost while it did
 //! damaged/                    packs that did not verify
-//! locks/                      one file per pipeline, locked by its run
+//! locks/                      per pipeline a file, locked by its run, and the lease that says whose it is
 //! tmp/                        files being written; renamed when complete
 //! ```
 //!
@@ -24,6 +24,8 @@
 pub mod attempts;
 mod catalogue;
 mod checkpoints;
+mod lock;
+mod mirror;
 mod objects;
 mod plans;
 mod sealed;
@@ -52,15 +54,14 @@ use schemas::Fault;
 use crate::keys::Key;
 pub use catalogue::{Catalogue, FAILED, Pack, Packed};
 use catalogue::{UNITS, stamp};
+pub use lock::{Held, Holder, Lock, Publisher, generation, host};
 use objects::{NOTES, Note};
 pub use objects::{NoteFault, Objects, Remarks};
 pub use sealed::{Sealed, verify};
 use unfinished::keep_lock;
 pub use unfinished::kernel;
 pub(crate) use unfinished::{own_folder, sweep};
-pub use version::{
-    Beside, Manifest, ManifestTable, Publisher, TableFiles, Version, current, parts, published, versions,
-};
+pub use version::{Beside, Manifest, ManifestTable, TableFiles, Version, current, parts, published, versions};
 
 /// The layout of the store; a store of another layout is rejected.
 const LAYOUT: &str = "magline store 3\n";

@@ -20,7 +20,7 @@ use schemas::Fault;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Store,
+    Publisher, Store,
     catalogue::stamp,
     make_folder,
     sealed::{self, Sealed},
@@ -181,35 +181,9 @@ pub fn versions(root: &Path, pipeline: &str) -> Vec<(u64, PathBuf)> {
     found
 }
 
-/// The lock for publishing the tables of one pipeline; one process holds it at a time.
-pub struct Publisher {
-    pipeline: String,
-    _lock: File,
-}
-
 impl Store {
-    /// Takes the lock for publishing `pipeline`; where another process holds it, waits for it or fails.
-    ///
-    /// # Errors
-    /// Fails when another process holds it, or the file system refuses.
-    pub fn publisher(&self, pipeline: &str, wait: bool) -> Result<Publisher, Fault> {
-        let path = self.root().join("locks").join(format!("{pipeline}.lock"));
-        let fail = |e: &dyn std::fmt::Display| trouble("lock", &path, e);
-        let lock = File::create(&path).map_err(|e| fail(&e))?;
-        match lock.try_lock() {
-            Ok(()) => {}
-            Err(fs::TryLockError::WouldBlock) if wait => lock.lock().map_err(|e| fail(&e))?,
-            Err(fs::TryLockError::WouldBlock) => {
-                let what = format!("another run of `{pipeline}` is at work in {}", self.root().display());
-                return Err(Fault::machine(what).help("wait for it with --wait, or name another store"));
-            }
-            Err(fs::TryLockError::Error(e)) => return Err(fail(&e)),
-        }
-        Ok(Publisher { pipeline: pipeline.to_owned(), _lock: lock })
-    }
-
     /// Publishes `tables` and `beside` as the newest version, unless the newest version is equal. Returns
-    /// whether there is a new one.
+    /// whether there is a new one. The tables `kept` stay as the version before has them.
     ///
     /// # Errors
     /// Fails when the file system refuses; the version before stays the newest then.
@@ -220,10 +194,12 @@ impl Store {
         tables: &[TableFiles],
         beside: &[Beside],
         rests_on: &[Key],
+        kept: &[String],
     ) -> Result<bool, Fault> {
-        let pipeline = &publisher.pipeline;
+        let pipeline = publisher.pipeline();
+        publisher.check()?;
         inside(self.root(), pipeline)?;
-        let mut manifest = Manifest { pipeline: pipeline.clone(), run: run.to_owned(), ..Manifest::default() };
+        let mut manifest = Manifest { pipeline: pipeline.to_owned(), run: run.to_owned(), ..Manifest::default() };
         manifest.packs = rests_on.iter().map(Key::to_string).collect();
         // Each file of the version, and its current path.
         let mut from: Vec<(PathBuf, String)> = vec![];
@@ -251,6 +227,9 @@ impl Store {
             from.push((one.file.clone(), name));
         }
         let before = current(self.root(), pipeline);
+        if let Some(version) = &before {
+            keep(version, kept, &mut manifest, &mut from);
+        }
         for table in before.iter().flat_map(|v| v.manifest.tables.iter().map(|t| v.folder.join("tables").join(&t.name)))
         {
             if fs::symlink_metadata(&table).is_ok_and(|m| m.is_symlink()) {
@@ -275,7 +254,7 @@ impl Store {
         manifest.sum = String::new();
         let files = manifest.tables.iter().flat_map(|t| t.files.iter().chain(&t.units));
         let from: Vec<(PathBuf, String)> = files.map(|f| (version.folder.join(&f.name), f.name.clone())).collect();
-        self.switch(&publisher.pipeline, &manifest, &from, Some(version))
+        self.switch(publisher.pipeline(), &manifest, &from, Some(version))
     }
 
     /// Makes a version and points the pipeline's link to it.
@@ -375,6 +354,20 @@ fn holds(store: &Store, version: &Version, manifest: &Manifest) -> bool {
         }
     };
     same && old.tables.iter().flat_map(files).all(|f| whole(&f))
+}
+
+/// Takes the tables `names` over from the version before, with what they rest on.
+fn keep(before: &Version, names: &[String], manifest: &mut Manifest, from: &mut Vec<(PathBuf, String)>) {
+    for table in before.manifest.tables.iter().filter(|t| names.contains(&t.name)) {
+        let files = table.files.iter().chain(&table.units);
+        from.extend(files.map(|f| (before.folder.join(&f.name), f.name.clone())));
+        manifest.tables.push(table.clone());
+    }
+    if before.manifest.tables.iter().any(|t| names.contains(&t.name)) {
+        manifest.packs.extend(before.manifest.packs.iter().cloned());
+        manifest.packs.sort();
+        manifest.packs.dedup();
+    }
 }
 
 /// Keeps the foreign files in the folder of the previous version.

@@ -5,7 +5,11 @@ use std::{fmt::Write, fs, path::Path};
 use schemas::Fault;
 use serde_json::{Value, json};
 
-use super::{Snapshot, SnapshotTable, snapshots};
+use super::{
+    Snapshot, SnapshotTable,
+    openlineage::{EVENT, PRODUCER, facet},
+    snapshots,
+};
 
 /// The form of lineage.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
@@ -112,8 +116,6 @@ fn graph(snapshot: &Snapshot, table: &SnapshotTable) -> Value {
 
 /// One run event of the OpenLineage specification 2-0-2, with schema and column-lineage facets.
 fn openlineage(root: &Path, snapshot: &Snapshot, table: &SnapshotTable) -> Value {
-    const PRODUCER: &str = "magline";
-    let facet = |name: &str| json!({ "_producer": PRODUCER, "_schemaURL": format!("https://openlineage.io/spec/facets/1-0-0/{name}.json") });
     let with = |mut base: Value, key: &str, value: Value| {
         base[key] = value;
         base
@@ -130,8 +132,8 @@ fn openlineage(root: &Path, snapshot: &Snapshot, table: &SnapshotTable) -> Value
         })
         .collect();
     let facets = json!({
-        "schema": with(facet("SchemaDatasetFacet"), "fields", json!(fields)),
-        "columnLineage": with(facet("ColumnLineageDatasetFacet"), "fields", Value::Object(columns)),
+        "schema": facet("1-2-0", "SchemaDatasetFacet", json!({ "fields": fields })),
+        "columnLineage": facet("1-2-0", "ColumnLineageDatasetFacet", json!({ "fields": columns })),
     });
     let run = crate::keys::Key::of([
         snapshot.pipeline.as_bytes(),
@@ -145,7 +147,7 @@ fn openlineage(root: &Path, snapshot: &Snapshot, table: &SnapshotTable) -> Value
         "eventType": "COMPLETE",
         "eventTime": written(&root.join("plans").join(format!("{}.json", snapshot.pipeline))),
         "producer": PRODUCER,
-        "schemaURL": "https://openlineage.io/spec/2-0-2/OpenLineage.json#/$defs/RunEvent",
+        "schemaURL": EVENT,
         "run": { "runId": id },
         "job": { "namespace": "magline", "name": format!("{}.{}", snapshot.pipeline, table.name) },
         "inputs": table.inputs.iter().map(|i| dataset(i)).collect::<Vec<_>>(),

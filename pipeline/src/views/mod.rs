@@ -3,6 +3,7 @@
 mod explain;
 pub mod history;
 mod lineage;
+pub mod openlineage;
 mod record;
 mod reference;
 pub mod report;

@@ -6,7 +6,7 @@ use schemas::{ColumnType, Fault};
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    plan::{Graph, Instance, Ref, TableNode},
+    plan::{Graph, Instance, Plan, Ref, TableNode},
     store::Store,
 };
 
@@ -80,11 +80,11 @@ pub struct SnapshotColumn {
     pub from: Vec<(String, String)>,
 }
 
-/// Stores the inputs of a run's tables.
+/// Stores the inputs of a run's tables; the tables `left` are as the run before has described them.
 ///
 /// # Errors
 /// Fails when the store cannot be written.
-pub fn record(graph: &Graph, store: &Store, costs: &[(usize, f64)]) -> Result<Snapshot, Fault> {
+pub fn record(graph: &Graph, store: &Store, costs: &[(usize, f64)], left: &[usize]) -> Result<Snapshot, Fault> {
     let plan = graph.plan;
     let before = snapshots(store.root()).into_iter().find(|s| s.pipeline == plan.spec.name);
     let flights = plan.flights.iter().enumerate().map(|(i, f)| SnapshotSource {
@@ -100,10 +100,13 @@ pub fn record(graph: &Graph, store: &Store, costs: &[(usize, f64)]) -> Result<Sn
         lines: [("map".to_owned(), graph.maps[i].to_string())].into(),
     });
     let sources = flights.chain(maps).collect();
-    let tables = plan.tables.iter().enumerate().map(|(t, node)| {
+    let tables = plan.tables.iter().enumerate().filter_map(|(t, node)| {
         let cost = costs.get(t).copied().filter(|(units, _)| *units > 0);
-        let old = before.as_ref().and_then(|b| b.tables.iter().find(|x| x.name == node.name)).and_then(|x| x.cost);
-        table(graph, t, node, cost.or(old))
+        let old = before.as_ref().and_then(|b| b.tables.iter().find(|x| x.name == node.name));
+        if left.contains(&t) {
+            return old.cloned();
+        }
+        Some(table(graph.plan, t, node, cost.or(old.and_then(|x| x.cost)), graph.all_lines_of(t).len()))
     });
     let snapshot = Snapshot {
         pipeline: plan.spec.name.clone(),
@@ -122,15 +125,20 @@ pub fn record(graph: &Graph, store: &Store, costs: &[(usize, f64)]) -> Result<Sn
 
 /// The tables of a plan with their columns and what these are made from.
 pub fn described(graph: &Graph) -> Vec<SnapshotTable> {
-    graph.plan.tables.iter().enumerate().map(|(t, node)| table(graph, t, node, None)).collect()
+    graph
+        .plan
+        .tables
+        .iter()
+        .enumerate()
+        .map(|(t, node)| table(graph.plan, t, node, None, graph.all_lines_of(t).len()))
+        .collect()
 }
 
 fn files(graph: &Graph, i: usize) -> Vec<(String, String)> {
     graph.bytes[i].iter().map(|b| (b.path.display().to_string(), b.hash.to_string())).collect()
 }
 
-fn table(graph: &Graph, t: usize, node: &TableNode, cost: Option<(usize, f64)>) -> SnapshotTable {
-    let plan = graph.plan;
+fn table(plan: &Plan, t: usize, node: &TableNode, cost: Option<(usize, f64)>, lines: usize) -> SnapshotTable {
     let points = plan.instances(t).map(|i| {
         let point = i.point().iter().map(|(k, v)| (k.clone(), v.to_string())).collect();
         (point, i.params().into_iter().map(|(k, v)| (k.to_owned(), v)).collect())
@@ -145,18 +153,19 @@ fn table(graph: &Graph, t: usize, node: &TableNode, cost: Option<(usize, f64)>) 
         inputs,
         predicate: plan.decl(t).and_then(|d| d.predicate.clone()).map(|(text, _)| text),
         points: points.collect(),
-        columns: columns(graph, t, node),
-        lines: graph.all_lines_of(t).len(),
+        columns: columns(plan, t, node),
+        lines,
         cost,
     }
 }
 
-fn columns(graph: &Graph, t: usize, node: &TableNode) -> Vec<SnapshotColumn> {
-    let examples: Vec<Instance> = node.examples(&graph.plan.spec).map(|i| graph.plan.instance(t, i)).collect();
+/// The columns of a table of a plan, and what each is made from.
+pub fn columns(plan: &Plan, t: usize, node: &TableNode) -> Vec<SnapshotColumn> {
+    let examples: Vec<Instance> = node.examples(&plan.spec).map(|i| plan.instance(t, i)).collect();
     let described = node.columns().into_iter().map(|c| {
         let mut from: Vec<(String, String)> = vec![];
         for it in &examples {
-            for pair in made_from(graph, it, &c.name) {
+            for pair in made_from(plan, it, &c.name) {
                 if !from.contains(&pair) {
                     from.push(pair);
                 }
@@ -171,8 +180,8 @@ fn columns(graph: &Graph, t: usize, node: &TableNode) -> Vec<SnapshotColumn> {
     described.collect()
 }
 
-fn made_from(graph: &Graph, it: &Instance, name: &str) -> Vec<(String, String)> {
-    let named = |r: &Ref, c: &str| (graph.plan.name_of(*r).to_owned(), c.to_owned());
+fn made_from(plan: &Plan, it: &Instance, name: &str) -> Vec<(String, String)> {
+    let named = |r: &Ref, c: &str| (plan.name_of(*r).to_owned(), c.to_owned());
     let inputs = it.inputs();
     match it.makes(name) {
         Some(c) => c.from.iter().filter_map(|(i, c)| inputs.get(*i).map(|r| named(r, c))).collect(),

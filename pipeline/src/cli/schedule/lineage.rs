@@ -1,0 +1,182 @@
+//! `--openlineage`: where the events go. They never make a run fail: what cannot be delivered is a warning.
+
+use std::{
+    fs::File,
+    io::Write,
+    path::{Path, PathBuf},
+    sync::{Mutex, PoisonError, mpsc},
+    thread::sleep,
+    time::{Duration, Instant},
+};
+
+use schemas::Fault;
+use serde_json::Value;
+use url::Url;
+
+use super::file;
+use crate::cli::say::err;
+
+/// The longest that one request may take.
+const REQUEST: Duration = Duration::from_secs(5);
+/// The time between two tries.
+const AGAIN_AFTER: Duration = Duration::from_millis(500);
+/// So many events that could not be sent, one after another, end the sending.
+const ENOUGH: usize = 3;
+/// The longest that the end of a run waits for events that are still to be sent.
+const FLUSH: Duration = Duration::from_secs(15);
+/// Where the events are taken, below the address of a server.
+const ENDPOINT: &str = "/api/v1/lineage";
+
+/// Where events go.
+enum Target {
+    File(PathBuf),
+    Http { url: Url, agent: Box<ureq::Agent>, key: Option<String> },
+}
+
+/// Sends events, in their order, on a thread of its own.
+pub struct Sink {
+    sender: Mutex<Option<mpsc::Sender<Value>>>,
+    done: Mutex<mpsc::Receiver<()>>,
+}
+
+impl Sink {
+    /// To a file, or an address.
+    ///
+    /// # Errors
+    /// Fails for a folder that is not there, and for an address that cannot be sent to.
+    pub fn open(to: &str) -> Result<Sink, Fault> {
+        let target = target(to)?;
+        let (sender, events) = mpsc::channel();
+        let (done, over) = mpsc::channel();
+        std::thread::spawn(move || {
+            deliver(&target, &events);
+            // Whoever waited may have gone.
+            let _ = done.send(());
+        });
+        Ok(Sink { sender: Mutex::new(Some(sender)), done: Mutex::new(over) })
+    }
+
+    /// Hands an event over.
+    pub fn send(&self, event: Value) {
+        if let Some(sender) = self.sender.lock().unwrap_or_else(PoisonError::into_inner).as_ref() {
+            // The thread has given up, and has said so.
+            let _ = sender.send(event);
+        }
+    }
+
+    /// Waits until all are delivered, but not for ever.
+    pub fn flush(&self) {
+        self.sender.lock().unwrap_or_else(PoisonError::into_inner).take();
+        let done = self.done.lock().unwrap_or_else(PoisonError::into_inner);
+        if done.recv_timeout(FLUSH) == Err(mpsc::RecvTimeoutError::Timeout) {
+            warn("the last of them took too long to send");
+        }
+    }
+}
+
+fn warn(why: &str) {
+    err!("warning: OpenLineage events are lost: {why}");
+}
+
+fn target(to: &str) -> Result<Target, Fault> {
+    if !to.contains("://") {
+        file::check("--openlineage", Path::new(to))?;
+        return Ok(Target::File(PathBuf::from(to)));
+    }
+    let wrong = |why: &str| Fault::new(format!("`--openlineage`: cannot send to `{to}`")).help(why.to_owned());
+    let mut url = Url::parse(to).map_err(|e| wrong(&e.to_string()))?;
+    match url.scheme() {
+        "http" => {}
+        "https" => return Err(wrong("this version has no TLS: name an `http://` proxy on this host, or a file")),
+        "file" => {
+            let path = url.to_file_path().map_err(|()| wrong("name a file of this host"))?;
+            file::check("--openlineage", &path)?;
+            return Ok(Target::File(path));
+        }
+        _ => return Err(wrong("write a path or `http://host:port`")),
+    }
+    if url.path() == "/" {
+        url.set_path(ENDPOINT);
+    }
+    let agent = ureq::Agent::config_builder().timeout_global(Some(REQUEST)).build().into();
+    let key = std::env::var("OPENLINEAGE_API_KEY").ok().filter(|k| !k.is_empty());
+    Ok(Target::Http { url, agent: Box::new(agent), key })
+}
+
+/// Delivers events until there are no more, or it is of no use.
+fn deliver(target: &Target, events: &mpsc::Receiver<Value>) {
+    let (mut lost, mut in_a_row) = (0, 0);
+    let mut why = String::new();
+    for event in events {
+        if in_a_row >= ENOUGH {
+            lost += 1;
+            continue;
+        }
+        match one(target, &event) {
+            Ok(()) => in_a_row = 0,
+            Err(e) => {
+                (lost, in_a_row) = (lost + 1, in_a_row + 1);
+                why = e;
+            }
+        }
+    }
+    if lost > 0 {
+        warn(&format!("{lost} of them: {why}"));
+    }
+}
+
+fn one(target: &Target, event: &Value) -> Result<(), String> {
+    let text = event.to_string();
+    match target {
+        Target::File(path) => {
+            let line = format!("{text}\n");
+            // One write for each, so that lines of several runs do not mix.
+            let file = File::options().create(true).append(true).open(path);
+            file.and_then(|mut f| f.write_all(line.as_bytes())).map_err(|e| format!("{}: {e}", path.display()))
+        }
+        Target::Http { url, agent, key } => {
+            let begun = Instant::now();
+            let sent = post(agent, url, key.as_deref(), &text);
+            match sent {
+                Err(ureq::Error::StatusCode(code)) if code < 500 => Err(format!("{url} answers {code}")),
+                Err(_) if begun.elapsed() < REQUEST => {
+                    sleep(AGAIN_AFTER);
+                    post(agent, url, key.as_deref(), &text).map_err(|e| format!("{url}: {e}"))
+                }
+                Err(e) => Err(format!("{url}: {e}")),
+                Ok(()) => Ok(()),
+            }
+        }
+    }
+}
+
+fn post(agent: &ureq::Agent, url: &Url, key: Option<&str>, text: &str) -> Result<(), ureq::Error> {
+    let mut request = agent.post(url.as_str()).header("Content-Type", "application/json");
+    if let Some(key) = key {
+        request = request.header("Authorization", format!("Bearer {key}"));
+    }
+    request.send(text).map(|_| ())
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+
+    #[test]
+    fn unit_addresses_are_checked_before_anything_runs() {
+        let url = |to: &str| match target(to) {
+            Ok(Target::Http { url, .. }) => url.to_string(),
+            Ok(Target::File(path)) => path.display().to_string(),
+            Err(fault) => fault.what,
+        };
+        assert_eq!(url("http://localhost:5000"), "http://localhost:5000/api/v1/lineage");
+        assert_eq!(url("http://localhost:5000/other?x=1"), "http://localhost:5000/other?x=1");
+        assert_eq!(url("events.jsonl"), "events.jsonl");
+        assert_eq!(url("file:///tmp/events.jsonl"), "/tmp/events.jsonl");
+        for wrong in ["https://host", "ftp://host", "http://", "no/folder/of/this/name/x"] {
+            assert!(url(wrong).starts_with("`--openlineage`"), "{wrong}: {}", url(wrong));
+        }
+    }
+}

@@ -1,0 +1,70 @@
+//! `--metrics`: the figures of a run as Prometheus text, for the textfile collector of node_exporter.
+
+use std::{fmt::Write, fs, path::Path};
+
+use super::watch::{Ended, State, Status};
+use crate::clock;
+
+/// The time of the last run that did all it was asked.
+const SUCCESS: &str = "magline_last_success_timestamp_seconds";
+
+/// The value of a label, in quotes.
+fn quoted(text: &str) -> String {
+    format!("\"{}\"", text.replace('\\', "\\\\").replace('"', "\\\"").replace('\n', "\\n"))
+}
+
+/// One family: what it is, and its samples of labels and value.
+fn family(out: &mut String, name: &str, help: &str, samples: impl IntoIterator<Item = (String, f64)>) {
+    // Writing into a String cannot fail.
+    let _ = writeln!(out, "# HELP {name} {help}\n# TYPE {name} gauge");
+    for (labels, value) in samples {
+        let _ = writeln!(out, "{name}{{{labels}}} {value}");
+    }
+}
+
+/// The time of the last success of a pipeline in what was written there before.
+fn before(path: &Path, labels: &str) -> Option<f64> {
+    let text = fs::read_to_string(path).ok()?;
+    let start = format!("{SUCCESS}{{{labels}}} ");
+    text.lines().find_map(|line| line.strip_prefix(&start)?.trim().parse().ok())
+}
+
+/// The metrics of a run, in place of those at `path`.
+pub fn text(state: &State, end: &Ended, path: &Path) -> String {
+    let pipeline = format!("pipeline={}", quoted(state.pipeline.as_deref().unwrap_or_default()));
+    let of = |table: &str| format!("{pipeline},table={}", quoted(table));
+    let mut out = String::new();
+    let units = state.tables.iter().flat_map(|(name, c, _)| {
+        let outcomes = [("computed", c.computed), ("reused", c.reused), ("failed", c.failed), ("skipped", c.skipped)];
+        outcomes.map(|(word, n)| (format!("{},outcome={}", of(name), quoted(word)), n as f64))
+    });
+    family(&mut out, "magline_run_units", "Units of a table in the last run, by outcome.", units);
+    let seconds = state.tables.iter().map(|(name, _, seconds)| (of(name), *seconds));
+    family(&mut out, "magline_run_table_seconds", "Time that a table took in the last run.", seconds);
+    let published = state.published(end);
+    let tables = published.iter().flat_map(|v| &v.manifest.tables);
+    let bytes = tables.map(|t| (of(&t.name), t.files.iter().map(|f| f.size).sum::<u64>() as f64));
+    family(&mut out, "magline_table_bytes", "Bytes of the files of a published table.", bytes);
+    let warnings = end.summary.map(|s| s.warnings.len() as f64).map(|n| (pipeline.clone(), n));
+    family(&mut out, "magline_run_warnings", "Warnings about results of the last run.", warnings);
+    let one = |value: f64| [(pipeline.clone(), value)];
+    let took = state.begun.elapsed().as_secs_f64();
+    family(&mut out, "magline_run_seconds", "Time that the last run took.", one(took));
+    family(&mut out, "magline_run_exit_status", "Exit status of the last run.", one(f64::from(end.status.exit())));
+    let now = clock::unix();
+    family(&mut out, "magline_run_end_timestamp_seconds", "When the last run ended.", one(now));
+    let success = if end.status == Status::Done { Some(now) } else { before(path, &pipeline) };
+    let success = success.map(|t| (pipeline.clone(), t));
+    family(&mut out, SUCCESS, "When the last run ended that did all it was asked.", success);
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn unit_labels_are_quoted_as_the_format_asks() {
+        assert_eq!(quoted("a\\b\"c\nd"), "\"a\\\\b\\\"c\\nd\"");
+    }
+}

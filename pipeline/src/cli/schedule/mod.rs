@@ -1,0 +1,264 @@
+//! What a run that something else has started needs: a lock to wait for, limits, and files that say what came of it.
+
+mod file;
+mod lineage;
+mod metrics;
+mod summary;
+mod watch;
+
+use std::{
+    path::PathBuf,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+        mpsc,
+    },
+    thread::sleep,
+    time::{Duration, Instant},
+};
+
+use clap::Args;
+use schemas::Fault;
+
+use super::{Stop, interrupt, note, open, tend};
+use crate::{
+    plan::Plan,
+    run::{Event, Listener, Summary},
+    spec::Faults,
+    store::{Held, Lock, Publisher, Store, generation},
+};
+pub use summary::compared;
+pub use watch::Watch;
+
+/// The exit status where another run has the lock.
+pub const LOCKED: u8 = 3;
+/// The exit status of a run that its time limit stopped.
+pub const OUT_OF_TIME: u8 = 4;
+
+/// The interval of looking again while waiting.
+const LOOK_AGAIN: Duration = Duration::from_millis(200);
+
+/// What a scheduler says of a run.
+#[derive(Args, Clone, Debug, Default)]
+pub struct ScheduleArgs {
+    /// Wait for another run of the same pipeline in the same store, instead of failing; with a length of time, such as
+    /// `--wait=10m`, at most so long.
+    #[arg(long, value_name = "LENGTH", num_args = 0..=1, require_equals = true, value_parser = tend::age)]
+    wait: Option<Option<Duration>>,
+    /// Compute only this table and what it is made from; the others stay as they were published.
+    #[arg(long, value_name = "TABLE")]
+    until: Option<String>,
+    /// Compute again what is there of this table, or of all, and compare each bit; the store keeps what it has.
+    #[arg(long, value_name = "TABLE", num_args = 0..=1, require_equals = true)]
+    force: Option<Option<String>>,
+    /// Stop after so long, such as 30m or 2h, when the units that are being computed are done.
+    #[arg(long, value_name = "LENGTH", value_parser = tend::age)]
+    max_time: Option<Duration>,
+    /// Leave out files of flights that were written to in the last so long, such as 60s: they may still be copied.
+    #[arg(long, value_name = "LENGTH", value_parser = tend::age)]
+    settle: Option<Duration>,
+    /// Write what came of the run to this file as JSON, also where it fails.
+    #[arg(long, value_name = "FILE")]
+    summary: Option<PathBuf>,
+    /// Write its figures to this file as Prometheus text, for the textfile collector of node_exporter.
+    #[arg(long, value_name = "FILE")]
+    metrics: Option<PathBuf>,
+    /// Add its OpenLineage events to this file, or send them to an address `http://...`.
+    #[arg(long, value_name = "FILE|URL")]
+    openlineage: Option<String>,
+}
+
+/// The tables that the options name, as positions in the plan.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Named {
+    /// That of `--until`.
+    pub until: Option<usize>,
+    /// That of `--force`: all where it names none.
+    pub force: Option<Option<usize>>,
+}
+
+impl ScheduleArgs {
+    /// The least age of a file.
+    pub fn settle(&self) -> Option<Duration> {
+        self.settle
+    }
+
+    /// The tables that are named, in `plan`.
+    ///
+    /// # Errors
+    /// Fails for a table that is not there, and for a search, whose trials follow from all its tables.
+    pub fn named(&self, plan: &Plan) -> Result<Named, Fault> {
+        let given = [("--until", self.until.is_some()), ("--force", self.force.is_some())];
+        if let Some((flag, _)) = given.iter().find(|(_, given)| *given && plan.spec.search.is_some()) {
+            let fault = Fault::new(format!("`{flag}` is not for a spec with a `[search]`"));
+            return Err(fault.help("its trials follow from the scores of all its tables; leave it out"));
+        }
+        let until = self.until.as_deref().map(|name| plan.table(name)).transpose()?;
+        let force = match &self.force {
+            Some(Some(name)) => Some(Some(plan.table(name)?)),
+            Some(None) => Some(None),
+            None => None,
+        };
+        let unkept = force.flatten().and_then(|t| plan.tables.get(t)).filter(|node| !node.keep);
+        match unkept {
+            Some(node) => Err(Fault::new(format!("`{}` is not kept, so there is nothing to compare", node.name))),
+            None => Ok(Named { until, force }),
+        }
+    }
+
+    /// Takes the lock of a pipeline, and opens its store after that: what another run has computed meanwhile is in it,
+    /// and files that have come meanwhile are in the plan.
+    ///
+    /// # Errors
+    /// Fails when the spec is wrong, the store cannot be opened, or the lock is not to be had.
+    pub fn enter(
+        &self,
+        read: &dyn Fn() -> Result<Plan, Faults>,
+        watch: &Watch,
+    ) -> Result<(Plan, Store, Publisher), Stop> {
+        let begun = Instant::now();
+        loop {
+            let plan = read()?;
+            let (name, root) = (plan.spec.name.clone(), plan.spec.store.clone());
+            watch.planned(&plan);
+            let seen = generation(&root, &name);
+            let store = open(&plan.spec)?;
+            let publisher = self.locked(&store, &name, begun, watch)?;
+            if publisher.follows(seen) {
+                return Ok((plan, store, publisher));
+            }
+            drop(store);
+            let plan = read()?;
+            if (&plan.spec.name, &plan.spec.store) == (&name, &root) {
+                watch.planned(&plan);
+                let store = open(&plan.spec)?;
+                return Ok((plan, store, publisher));
+            }
+        }
+    }
+
+    fn locked(&self, store: &Store, name: &str, begun: Instant, watch: &Watch) -> Result<Publisher, Stop> {
+        let mut told = false;
+        loop {
+            let held = match store.lock(name)? {
+                Lock::Mine(publisher) => return Ok(publisher),
+                Lock::Held(held) => held,
+            };
+            let what = held.told(name, store.root());
+            match self.wait {
+                None => return Err(refused(&what, "wait for it with --wait, or name another store", held, watch)),
+                Some(Some(most)) if begun.elapsed() >= most => {
+                    let help = format!("it was waited for {} s", most.as_secs());
+                    return Err(refused(&what, &help, held, watch));
+                }
+                Some(_) => {}
+            }
+            if !std::mem::replace(&mut told, true) {
+                note(&format!("{what}; waiting for it"));
+            }
+            sleep(LOOK_AGAIN);
+        }
+    }
+
+    /// Begins to count the time of a run.
+    pub fn limit(&self) -> Limit {
+        let (sender, receiver) = mpsc::channel();
+        if let Some(most) = self.max_time {
+            std::thread::spawn(move || {
+                if receiver.recv_timeout(most) == Err(mpsc::RecvTimeoutError::Timeout) {
+                    OVER.store(true, Ordering::SeqCst);
+                    interrupt::stop(OUT_OF_TIME, STOPPED);
+                }
+            });
+        }
+        Limit { _running: sender }
+    }
+}
+
+/// Whether the limit of time is over.
+static OVER: AtomicBool = AtomicBool::new(false);
+
+/// The message of a run that its time limit stopped.
+pub const STOPPED: &str =
+    "stopped by its time limit; what was finished is kept, and the same command goes on from there";
+
+/// The limit of time of a run, until it is dropped.
+pub struct Limit {
+    _running: mpsc::Sender<()>,
+}
+
+/// Whether a run that was interrupted was out of time.
+pub fn is_out_of_time() -> bool {
+    OVER.load(Ordering::SeqCst)
+}
+
+fn refused(what: &str, help: &str, held: Held, watch: &Watch) -> Stop {
+    watch.refused(held);
+    Stop::Locked(format!("error: {what}\n  help: {help}"))
+}
+
+/// Hands each event to two listeners.
+pub struct Both<'a>(pub &'a dyn Listener, pub &'a dyn Listener);
+
+impl Listener for Both<'_> {
+    fn hear(&self, event: &Event) {
+        self.0.hear(event);
+        self.1.hear(event);
+    }
+}
+
+/// Keeps the end of a run to itself, as something follows.
+pub struct ButTheEnd<'a>(pub &'a dyn Listener);
+
+impl Listener for ButTheEnd<'_> {
+    fn hear(&self, event: &Event) {
+        match event {
+            Event::Finished { .. } => {}
+            Event::Reading { .. }
+            | Event::Started { .. }
+            | Event::Computing { .. }
+            | Event::Working { .. }
+            | Event::Unit { .. }
+            | Event::Searching { .. }
+            | Event::Trials { .. }
+            | Event::Publishing { .. }
+            | Event::Table { .. } => self.0.hear(event),
+        }
+    }
+}
+
+/// Lets only the progress of a second run be heard: its tables are not those of the first.
+pub struct Working<'a>(pub &'a dyn Listener);
+
+impl Listener for Working<'_> {
+    fn hear(&self, event: &Event) {
+        if matches!(event, Event::Working { .. } | Event::Computing { .. }) {
+            self.0.hear(event);
+        }
+    }
+}
+
+/// Adds what came of computing again to the summary of a run.
+pub fn told_again(summary: &mut Summary, compared: Vec<crate::run::Compared>) {
+    for one in &compared {
+        let units = super::counted(one.units, "unit");
+        let what = match one.differ.len() {
+            0 => "the same bytes".to_owned(),
+            n => format!("{n} of them differ"),
+        };
+        summary.notes.push(format!("`{}` was computed again: {units}, {what}", one.table));
+        summary.failures.extend(one.differ.iter().cloned());
+    }
+    summary.compared = compared;
+}
+
+/// Watches a run, whatever ends it.
+///
+/// # Errors
+/// Fails for a file that cannot be written, or an address that cannot be sent to; nothing is run then.
+pub fn watch(args: &ScheduleArgs, spec: &super::SpecArgs) -> Result<Arc<Watch>, Stop> {
+    let watch = Arc::new(Watch::new(args, spec)?);
+    let last = watch.clone();
+    interrupt::at_exit(move |status| last.cut(status));
+    Ok(watch)
+}

@@ -1,0 +1,324 @@
+//! A run as it is seen from outside, from its first moment to its end.
+
+use std::{
+    collections::BTreeSet,
+    fs,
+    path::PathBuf,
+    sync::{Mutex, MutexGuard, PoisonError},
+    time::Instant,
+};
+
+use serde_json::Value;
+use uuid::Uuid;
+
+use super::{LOCKED, OUT_OF_TIME, ScheduleArgs, file, lineage::Sink, metrics, summary};
+use crate::{
+    cli::{SpecArgs, Stop, interrupt, say, say::err},
+    clock,
+    plan::Plan,
+    run::{Count, Event, Listener, Summary},
+    store::Held,
+    views::openlineage::{self, Parent, Run, TableLineage},
+};
+
+/// How a run ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Status {
+    /// All is there.
+    Done,
+    /// Something failed.
+    Failed,
+    /// The spec, an argument or an input is wrong.
+    Wrong,
+    /// Another run has the lock.
+    Locked,
+    /// The limit of time is over.
+    OutOfTime,
+    /// Interrupted.
+    Interrupted,
+}
+
+impl Status {
+    /// The word for it.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Status::Done => "done",
+            Status::Failed => "failed",
+            Status::Wrong => "wrong",
+            Status::Locked => "locked",
+            Status::OutOfTime => "out_of_time",
+            Status::Interrupted => "interrupted",
+        }
+    }
+
+    /// The exit status.
+    pub fn exit(self) -> u8 {
+        match self {
+            Status::Done => 0,
+            Status::Failed => 1,
+            Status::Wrong => 2,
+            Status::Locked => LOCKED,
+            Status::OutOfTime => OUT_OF_TIME,
+            Status::Interrupted => interrupt::STATUS,
+        }
+    }
+}
+
+/// The end of a run.
+pub struct Ended<'a> {
+    /// How it ended.
+    pub status: Status,
+    /// What its user is told.
+    pub error: Option<String>,
+    /// Its summary, where it came so far.
+    pub summary: Option<&'a Summary>,
+}
+
+/// What is known of a run so far.
+pub struct State {
+    /// Its identifier, another for each.
+    pub id: Uuid,
+    /// When it began, UTC.
+    pub started: String,
+    /// The same, to count from.
+    pub begun: Instant,
+    /// The spec, as the user named it.
+    pub spec: String,
+    /// BLAKE3 of the bytes of the spec.
+    pub spec_hash: Option<String>,
+    /// The assignments of `--set`.
+    pub sets: Vec<String>,
+    /// The pipeline.
+    pub pipeline: Option<String>,
+    /// The folder of the store.
+    pub root: Option<PathBuf>,
+    /// The same for people, from the root.
+    pub store: Option<String>,
+    /// The hash of what is asked and of the data.
+    pub run: Option<String>,
+    /// The outcome and the seconds of each table that is done.
+    pub tables: Vec<(String, Count, f64)>,
+    /// Who has the lock, where it is not this run.
+    pub held: Option<Held>,
+    of: Option<Run>,
+    lineage: Vec<TableLineage>,
+    begun_tables: BTreeSet<String>,
+    ended_tables: BTreeSet<String>,
+    first_error: Option<String>,
+    is_over: bool,
+}
+
+/// Watches a run: hears its events, and writes what came of it when it ends.
+pub struct Watch {
+    files: [Option<PathBuf>; 2],
+    sink: Option<Sink>,
+    state: Mutex<State>,
+}
+
+impl Watch {
+    /// For a run of a spec.
+    ///
+    /// # Errors
+    /// Fails for a file or an address that cannot be written to.
+    pub fn new(args: &ScheduleArgs, spec: &SpecArgs) -> Result<Watch, Stop> {
+        for (flag, path) in [("--summary", &args.summary), ("--metrics", &args.metrics)] {
+            path.as_ref().map_or(Ok(()), |path| file::check(flag, path))?;
+        }
+        let sink = args.openlineage.as_deref().map(Sink::open).transpose()?;
+        let state = State {
+            id: Uuid::new_v4(),
+            started: clock::now_ms(),
+            begun: Instant::now(),
+            spec: spec.spec.display().to_string(),
+            spec_hash: fs::read(&spec.spec).ok().map(|bytes| blake3::hash(&bytes).to_hex().to_string()),
+            sets: spec.sets.clone(),
+            pipeline: None,
+            root: None,
+            store: None,
+            run: None,
+            tables: vec![],
+            held: None,
+            of: None,
+            lineage: vec![],
+            begun_tables: BTreeSet::new(),
+            ended_tables: BTreeSet::new(),
+            first_error: None,
+            is_over: false,
+        };
+        Ok(Watch { files: [args.summary.clone(), args.metrics.clone()], sink, state: Mutex::new(state) })
+    }
+
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn send(&self, events: impl IntoIterator<Item = Value>) {
+        if let Some(sink) = &self.sink {
+            events.into_iter().for_each(|event| sink.send(event));
+        }
+    }
+
+    /// What is to be run is known.
+    pub fn planned(&self, plan: &Plan) {
+        let mut state = self.state();
+        state.pipeline = Some(plan.spec.name.clone());
+        state.root = Some(plan.spec.store.clone());
+        let store = std::path::absolute(&plan.spec.store).unwrap_or_else(|_| plan.spec.store.clone());
+        state.store = Some(store.display().to_string());
+    }
+
+    /// Another run has the lock.
+    pub fn refused(&self, held: Held) {
+        self.state().held = Some(held);
+    }
+
+    /// The run has its lock, and begins.
+    pub fn begin(&self, plan: &Plan) {
+        if self.sink.is_none() {
+            return;
+        }
+        let named = |name: &str| std::env::var(name).ok().filter(|v| !v.is_empty());
+        let namespace = named("OPENLINEAGE_NAMESPACE").unwrap_or_else(|| "magline".to_owned());
+        let said = named("OPENLINEAGE_PARENT_ID");
+        let parent = said.as_deref().and_then(Parent::parse);
+        if let Some(text) = said.filter(|_| parent.is_none()) {
+            err!("warning: OPENLINEAGE_PARENT_ID is not <namespace>/<job>/<run>: `{text}`");
+        }
+        let mut state = self.state();
+        let run = Run::new(plan, state.id, namespace, parent);
+        self.send([run.event(openlineage::State::Start, None)]);
+        state.of = Some(run);
+    }
+
+    /// The run is over; writes what came of it, once.
+    pub fn end(&self, done: &Result<(), Stop>, summary: Option<&Summary>) {
+        let (status, error) = match done {
+            Ok(()) => match say::lost() {
+                Some(why) => (Status::Failed, Some(format!("cannot write to standard output: {why}"))),
+                None => (Status::Done, None),
+            },
+            Err(Stop::Failed(text)) => (Status::Failed, Some(text.clone()).filter(|t| !t.is_empty())),
+            Err(Stop::Wrong(text)) => (Status::Wrong, Some(text.clone())),
+            Err(Stop::Locked(text)) => (Status::Locked, Some(text.clone())),
+            Err(Stop::OutOfTime) => (Status::OutOfTime, Some(super::STOPPED.to_owned())),
+            Err(Stop::Interrupted) => (Status::Interrupted, Some(interrupt::SAID.to_owned())),
+        };
+        self.over(&Ended { status, error, summary });
+    }
+
+    /// The process ends with `status`, before the run has.
+    pub fn cut(&self, status: u8) {
+        let (status, error) = if status == OUT_OF_TIME {
+            (Status::OutOfTime, super::STOPPED)
+        } else {
+            (Status::Interrupted, interrupt::SAID)
+        };
+        self.over(&Ended { status, error: Some(error.to_owned()), summary: None });
+    }
+
+    fn over(&self, end: &Ended) {
+        let mut state = self.state();
+        if std::mem::replace(&mut state.is_over, true) {
+            return;
+        }
+        let [summary, metrics] = &self.files;
+        let saved = |path: &PathBuf, text: &str| {
+            if let Err(e) = file::write(path, text) {
+                err!("warning: cannot write {}: {e}", path.display());
+            }
+        };
+        if let Some(path) = summary {
+            let text = serde_json::to_string_pretty(&summary::json(&state, end)).unwrap_or_default() + "\n";
+            saved(path, &text);
+        }
+        // The run that has the lock writes its own.
+        if let Some(path) = metrics.as_ref().filter(|_| end.status != Status::Locked) {
+            saved(path, &metrics::text(&state, end, path));
+        }
+        self.last(&state, end);
+        if let Some(sink) = &self.sink {
+            sink.flush();
+        }
+    }
+
+    /// The last events: of tables that were begun and not ended, and of the run.
+    fn last(&self, state: &State, end: &Ended) {
+        use openlineage::State as Told;
+        let Some(run) = &state.of else { return };
+        let told = match end.status {
+            Status::Done => Told::Complete,
+            Status::Failed | Status::Wrong | Status::Locked => Told::Fail,
+            Status::OutOfTime | Status::Interrupted => Told::Abort,
+        };
+        let stopped = if told == Told::Abort { Told::Abort } else { Told::Fail };
+        let open = state.begun_tables.difference(&state.ended_tables);
+        let tables = open.filter_map(|name| state.lineage.iter().find(|t| t.name == *name));
+        self.send(tables.map(|t| run.of_table(t, stopped, end.error.as_deref())));
+        let failed = end.summary.and_then(|s| s.failures.first()).map(|f| f.fault.to_string());
+        let error = end.error.clone().or(failed).or_else(|| state.first_error.clone());
+        self.send([run.event(told, error.as_deref().filter(|_| told != Told::Complete))]);
+    }
+
+    fn begun_table(&self, state: &mut State, name: &str) {
+        let known = state.lineage.iter().any(|t| t.name == name);
+        if !known || !state.begun_tables.insert(name.to_owned()) {
+            return;
+        }
+        let of = state.of.as_ref().zip(state.lineage.iter().find(|t| t.name == name));
+        self.send(of.map(|(run, table)| run.of_table(table, openlineage::State::Start, None)));
+    }
+
+    fn ended_table(&self, state: &mut State, name: &str, count: &Count) {
+        self.begun_table(state, name);
+        if !state.ended_tables.insert(name.to_owned()) {
+            return;
+        }
+        // An interrupt leaves units out that are not counted.
+        let aborted = crate::run::INTERRUPTED.load(std::sync::atomic::Ordering::Relaxed);
+        let bad = count.failed + count.skipped;
+        let all = bad + count.computed + count.reused;
+        let why = state.first_error.as_ref().map(|e| format!(": {e}")).unwrap_or_default();
+        let error = (bad > 0).then(|| format!("{bad} of {all} units failed or were skipped{why}"));
+        let told = match (aborted, bad) {
+            (true, _) => openlineage::State::Abort,
+            (false, 0) => openlineage::State::Complete,
+            (false, _) => openlineage::State::Fail,
+        };
+        let of = state.of.as_ref().zip(state.lineage.iter().find(|t| t.name == name));
+        self.send(of.map(|(run, table)| run.of_table(table, told, error.as_deref())));
+    }
+}
+
+impl Listener for Watch {
+    fn hear(&self, event: &Event) {
+        match event {
+            Event::Started { run, graph, .. } => {
+                let mut state = self.state();
+                state.run = Some((*run).to_owned());
+                if state.of.is_some() {
+                    state.lineage = openlineage::lineage(graph);
+                }
+            }
+            Event::Computing { table, .. } => self.begun_table(&mut self.state(), table),
+            Event::Unit { fault: Some(fault), outcome: crate::run::Outcome::Failed, .. } => {
+                let mut state = self.state();
+                if state.first_error.is_none() {
+                    state.first_error = Some(fault.to_string());
+                }
+            }
+            Event::Table { table, count, seconds } => {
+                let mut state = self.state();
+                state.tables.retain(|(name, ..)| name != table);
+                state.tables.push(((*table).to_owned(), *count, *seconds));
+                self.ended_table(&mut state, table, count);
+            }
+            Event::Reading { .. }
+            | Event::Unit { .. }
+            | Event::Working { .. }
+            | Event::Searching { .. }
+            | Event::Trials { .. }
+            | Event::Publishing { .. }
+            | Event::Finished { .. } => {}
+        }
+    }
+}

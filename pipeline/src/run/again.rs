@@ -1,0 +1,135 @@
+//! Computing again what is there, to see whether it comes to the same.
+//!
+//! It is done in a copy of the store that lacks those results, from the same inputs, by an ordinary run. The store itself
+//! keeps what it has, whatever comes of it.
+
+use std::collections::HashSet;
+
+use arrow_array::{Array, RecordBatch};
+use arrow_cast::display::array_value_to_string;
+use schemas::Fault;
+
+use super::{Failure, Listener, Options, run};
+use crate::{
+    keys::Key,
+    plan::{Graph, Plan, Unit},
+    spec::Faults,
+    store::Store,
+};
+
+/// What came of computing a table again.
+#[derive(Clone, Debug)]
+pub struct Compared {
+    /// The table.
+    pub table: String,
+    /// Its units that were compared: computed before and now.
+    pub units: usize,
+    /// Those that differ, and where.
+    pub differ: Vec<Failure>,
+}
+
+/// Computes the table at position `table` of the plan again, or all tables, and compares them bit by bit with what the
+/// store holds. `None` where it was interrupted.
+///
+/// # Errors
+/// Fails when a source cannot be read, or the store cannot be read or written.
+pub fn again(
+    plan: &Plan,
+    store: &Store,
+    table: Option<usize>,
+    listener: &dyn Listener,
+) -> Result<Option<Vec<Compared>>, Faults> {
+    let fail = |fault: Fault| plan.spec.faults(vec![fault]);
+    let graph = Graph::new(plan, store, &|_, _| {})?;
+    let tables: Vec<usize> = match table {
+        Some(t) => vec![t],
+        None => (0..plan.tables.len()).filter(|t| plan.tables.get(*t).is_some_and(|n| n.keep)).collect(),
+    };
+    let units = tables.iter().flat_map(|t| graph.units(*t));
+    // What was refused has no result to compare.
+    let keys: HashSet<Key> = units.filter_map(|u| graph.key(u).ok()).filter(|key| store.find(*key).is_some()).collect();
+    let other = store.mirror(&store.temporary(), &keys).map_err(fail)?;
+    let options = Options { until: table, ..Options::default() };
+    if run(plan, &other, options, listener)?.interrupted {
+        return Ok(None);
+    }
+    tables
+        .into_iter()
+        .map(|t| compared(&graph, t, store, &other, &keys))
+        .collect::<Result<_, _>>()
+        .map(Some)
+        .map_err(fail)
+}
+
+fn compared(graph: &Graph, t: usize, one: &Store, other: &Store, keys: &HashSet<Key>) -> Result<Compared, Fault> {
+    let table = graph.plan.table_name(t).to_owned();
+    let mut found = Compared { table: table.clone(), units: 0, differ: vec![] };
+    let mut seen: HashSet<Key> = HashSet::new();
+    for unit in graph.units(t) {
+        // Points that ask the same are one result.
+        let Some(key) = graph.key(unit).ok().filter(|key| keys.contains(key) && seen.insert(*key)) else { continue };
+        found.units += 1;
+        if let Some(what) = difference(graph, unit, key, one, other)? {
+            let fault = Fault::machine(what)
+                .help("the store keeps what it had, which another machine or build may have computed");
+            let line = unit.line.and_then(|l| graph.lines.get(l)).cloned();
+            let point = graph.plan.instance(unit.table, unit.instance).point();
+            found.differ.push(Failure { table: table.clone(), point, line, fault });
+        }
+    }
+    Ok(found)
+}
+
+/// Where two results of a unit differ.
+fn difference(graph: &Graph, unit: Unit, key: Key, one: &Store, other: &Store) -> Result<Option<String>, Fault> {
+    match (one.has(key), other.has(key)) {
+        (false, false) => return Ok(None),
+        (true, true) => {}
+        (true, false) => return Ok(Some("it cannot be computed again".to_owned())),
+        (false, true) => return Ok(Some("it could not be computed before, and now it can".to_owned())),
+    }
+    let it = graph.plan.instance(unit.table, unit.instance);
+    let names: Vec<&str> = it.yields.columns.iter().map(|c| c.name.as_str()).collect();
+    Ok(first(&one.get(key, &names)?, &other.get(key, &names)?))
+}
+
+/// The first value in which two batches differ, in any bit.
+fn first(a: &RecordBatch, b: &RecordBatch) -> Option<String> {
+    if a.num_rows() != b.num_rows() {
+        return Some(format!("{} rows before, {} now", a.num_rows(), b.num_rows()));
+    }
+    for ((field, x), y) in a.schema().fields().iter().zip(a.columns()).zip(b.columns()) {
+        if x.to_data() == y.to_data() {
+            continue;
+        }
+        let row = (0..x.len()).find(|i| x.slice(*i, 1).to_data() != y.slice(*i, 1).to_data()).unwrap_or(0);
+        let shown = |array: &dyn Array| array_value_to_string(array, row).unwrap_or_else(|_| "?".to_owned());
+        return Some(format!("column `{}`, row {row}: {} before, {} now", field.name(), shown(x), shown(y)));
+    }
+    None
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use std::sync::Arc;
+
+    use arrow_array::Float64Array;
+    use arrow_schema::{DataType, Field, Schema};
+
+    use super::*;
+
+    #[test]
+    fn unit_every_bit_counts_and_nan_is_itself() {
+        let of = |values: Vec<f64>| {
+            let schema = Schema::new(vec![Field::new("x", DataType::Float64, true)]);
+            RecordBatch::try_new(Arc::new(schema), vec![Arc::new(Float64Array::from(values))]).unwrap()
+        };
+        let one = of(vec![1.0, f64::NAN, 0.0]);
+        assert_eq!(first(&one, &one.clone()), None);
+        assert_eq!(first(&one, &of(vec![1.0, f64::NAN, -0.0])).unwrap(), "column `x`, row 2: 0.0 before, -0.0 now");
+        assert!(first(&one, &of(vec![1.0 + f64::EPSILON, f64::NAN, 0.0])).unwrap().contains("row 0"));
+        assert_eq!(first(&one, &of(vec![1.0])).unwrap(), "3 rows before, 1 now");
+    }
+}

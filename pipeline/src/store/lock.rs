@@ -1,0 +1,443 @@
+//! The lock of a pipeline: one run of it at a time in a store, whichever host it is on.
+//!
+//! On one host a lock of the operating system says so, which ends with the process that holds it. Of other hosts, whose
+//! locks a file system may not show, a lease does: the file `locks/<pipeline>.lease-<n>` with the highest number names
+//! the holder, and is written to every [`BEAT`]. A lease is over when its holder has released it, when it ran on this
+//! host and the lock is free, or when it was not written to for [`GONE_AFTER`], by the clock of the file system. Whoever
+//! takes it over makes the file of the next number, which only one can do; a number is not used twice, so that a process
+//! that was stopped in between cannot take the lease of another for the one it saw.
+
+use std::{
+    fmt,
+    fs::{self, File},
+    io::{self, Write},
+    os::unix::fs::FileExt,
+    path::{Path, PathBuf},
+    process::Command,
+    sync::{
+        Arc, Condvar, Mutex, PoisonError,
+        atomic::{AtomicBool, Ordering},
+    },
+    thread::{JoinHandle, sleep},
+    time::{Duration, SystemTime},
+};
+
+use schemas::Fault;
+use serde::{Deserialize, Serialize};
+
+use super::{Store, trouble};
+use crate::clock;
+
+/// The interval of the signs of life.
+const BEAT: Duration = Duration::from_secs(10);
+/// A holder on another host without a sign for so long is gone.
+pub const GONE_AFTER: Duration = Duration::from_secs(120);
+/// The interval of looking again while waiting.
+const LOOK_AGAIN: Duration = Duration::from_millis(200);
+
+/// The process that holds a lock.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Holder {
+    /// The name of its host.
+    pub host: String,
+    /// The boot of its host: the same only for processes under one kernel. Empty where that is not known.
+    pub boot: String,
+    /// Its number.
+    pub pid: u32,
+    /// When it took the lock, UTC.
+    pub since: String,
+    /// Whether it has released it.
+    free: bool,
+}
+
+impl Holder {
+    fn this() -> Holder {
+        let (host, boot) = (host(), boot());
+        Holder { host, boot, pid: std::process::id(), since: clock::now(), free: false }
+    }
+}
+
+impl fmt::Display for Holder {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        write!(f, "process {} on {}, since {}", self.pid, self.host, self.since)
+    }
+}
+
+/// The name of this host.
+pub fn host() -> String {
+    let named = fs::read_to_string("/proc/sys/kernel/hostname").ok();
+    let asked = || Command::new("uname").arg("-n").output().ok().and_then(|o| String::from_utf8(o.stdout).ok());
+    let name = named.or_else(asked).map(|n| n.trim().to_owned()).filter(|n| !n.is_empty());
+    name.unwrap_or_else(|| "localhost".to_owned())
+}
+
+fn boot() -> String {
+    fs::read_to_string("/proc/sys/kernel/random/boot_id").map(|t| t.trim().to_owned()).unwrap_or_default()
+}
+
+/// A lock that another process holds.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Held {
+    /// The process; `None` where it does not say.
+    pub holder: Option<Holder>,
+    /// The time since its last sign.
+    pub silent: Option<Duration>,
+}
+
+impl Held {
+    /// What a user is told of it.
+    pub fn told(&self, pipeline: &str, root: &Path) -> String {
+        let by = self.holder.as_ref().map(|h| format!(": {h}")).unwrap_or_default();
+        let sign = self.silent.map(|s| format!(" (last sign {} s ago)", s.as_secs())).unwrap_or_default();
+        format!("another run of `{pipeline}` is at work in {}{by}{sign}", root.display())
+    }
+}
+
+/// The outcome of asking for a lock.
+pub enum Lock {
+    /// It is this process'.
+    Mine(Publisher),
+    /// It is another's.
+    Held(Held),
+}
+
+/// The lock of one pipeline, for computing and publishing its tables; one process holds it at a time.
+pub struct Publisher {
+    pipeline: String,
+    folder: PathBuf,
+    number: u64,
+    text: String,
+    heart: Heart,
+    _lock: File,
+}
+
+/// The thread that writes the signs of life.
+struct Heart {
+    shared: Arc<Shared>,
+    file: File,
+    thread: Option<JoinHandle<()>>,
+}
+
+#[derive(Default)]
+struct Shared {
+    over: Mutex<bool>,
+    wake: Condvar,
+    lost: AtomicBool,
+}
+
+/// A lease in the folder of locks.
+struct Lease {
+    number: u64,
+    holder: Option<Holder>,
+    written: SystemTime,
+}
+
+fn prefix(pipeline: &str) -> String {
+    format!("{pipeline}.lease-")
+}
+
+/// The numbers of the leases of a pipeline, sorted.
+fn numbers(folder: &Path, pipeline: &str) -> io::Result<Vec<u64>> {
+    let start = prefix(pipeline);
+    let number = |e: fs::DirEntry| e.file_name().to_str()?.strip_prefix(&start)?.parse().ok();
+    let mut found: Vec<u64> = fs::read_dir(folder)?.flatten().filter_map(number).collect();
+    found.sort_unstable();
+    Ok(found)
+}
+
+/// The number of the last lease of `pipeline` in the store at `root`, 0 before the first; `None` while it is held.
+pub fn generation(root: &Path, pipeline: &str) -> Option<u64> {
+    match Lease::newest(&root.join("locks"), pipeline) {
+        Ok(Some(lease)) => lease.holder.filter(|h| h.free).map(|_| lease.number),
+        Ok(None) => Some(0),
+        Err(e) if e.kind() == io::ErrorKind::NotFound => Some(0),
+        Err(_) => None,
+    }
+}
+
+impl Lease {
+    fn newest(folder: &Path, pipeline: &str) -> io::Result<Option<Lease>> {
+        let Some(number) = numbers(folder, pipeline)?.last().copied() else { return Ok(None) };
+        let path = folder.join(format!("{}{number}", prefix(pipeline)));
+        let written = fs::metadata(&path)?.modified()?;
+        Ok(Some(Lease { number, holder: serde_json::from_slice(&fs::read(&path)?).ok(), written }))
+    }
+
+    /// Whether its holder is gone, seen by a process that has the lock of the operating system.
+    fn is_over(&self, boot: &str, now: SystemTime) -> bool {
+        match &self.holder {
+            Some(holder) if holder.free => true,
+            // Its process would hold the lock.
+            Some(holder) if !boot.is_empty() && holder.boot == boot => true,
+            Some(_) | None => now.duration_since(self.written).is_ok_and(|silent| silent >= GONE_AFTER),
+        }
+    }
+
+    fn held(self, now: Option<SystemTime>) -> Held {
+        let silent = now.and_then(|now| now.duration_since(self.written).ok());
+        // A lease that was released says nothing of who has the lock of the operating system now.
+        match self.holder {
+            Some(holder) if holder.free => Held::default(),
+            holder => Held { holder, silent },
+        }
+    }
+}
+
+impl Heart {
+    fn start(folder: &Path, pipeline: &str, number: u64, end: u64, file: File) -> io::Result<Heart> {
+        let shared = Arc::new(Shared::default());
+        let (of_thread, folder, pipeline) = (shared.clone(), folder.to_owned(), pipeline.to_owned());
+        let writer = file.try_clone()?;
+        let beat = move || {
+            let mut over = of_thread.over.lock().unwrap_or_else(PoisonError::into_inner);
+            while !*over {
+                let waited = of_thread.wake.wait_timeout(over, BEAT).unwrap_or_else(PoisonError::into_inner);
+                over = waited.0;
+                if !*over && waited.1.timed_out() {
+                    if numbers(&folder, &pipeline).is_ok_and(|n| n.last() != Some(&number)) {
+                        of_thread.lost.store(true, Ordering::SeqCst);
+                        return;
+                    }
+                    // The file system sets the time of the file by its own clock. A sign that is not written is one
+                    // that others do not see.
+                    let _ = writer.write_all_at(b"\n", end);
+                }
+            }
+        };
+        let thread = std::thread::Builder::new().name("lock".to_owned()).spawn(beat)?;
+        Ok(Heart { shared, file, thread: Some(thread) })
+    }
+}
+
+impl Publisher {
+    /// The pipeline.
+    pub fn pipeline(&self) -> &str {
+        &self.pipeline
+    }
+
+    /// Whether no other process had the lock when its [`generation`] was `seen`, nor since.
+    pub fn follows(&self, seen: Option<u64>) -> bool {
+        seen.is_some_and(|n| self.number == n.saturating_add(1))
+    }
+
+    /// Whether the lock is still this process'.
+    ///
+    /// # Errors
+    /// Fails when another has taken it over.
+    pub fn check(&self) -> Result<(), Fault> {
+        let newest = numbers(&self.folder, &self.pipeline).ok().and_then(|n| n.last().copied());
+        if newest == Some(self.number) && !self.heart.shared.lost.load(Ordering::SeqCst) {
+            return Ok(());
+        }
+        let by = Lease::newest(&self.folder, &self.pipeline).ok().flatten().and_then(|l| l.holder);
+        let by = by.map_or_else(|| "another process".to_owned(), |h| h.to_string());
+        let seconds = GONE_AFTER.as_secs();
+        let what =
+            format!("the lock of `{}` was taken over by {by}, as this one gave no sign for {seconds} s", self.pipeline);
+        Err(Fault::machine(what).help("nothing is published; what was computed is kept, so run it again"))
+    }
+}
+
+impl Drop for Publisher {
+    fn drop(&mut self) {
+        *self.heart.shared.over.lock().unwrap_or_else(PoisonError::into_inner) = true;
+        self.heart.shared.wake.notify_all();
+        self.heart.thread.take().into_iter().for_each(|t| drop(t.join()));
+        // Of the same length, so that it is one write. Where it fails the lease is over when it is old.
+        let free = self.text.replace("\"free\":false", "\"free\":true ");
+        let _ = self.heart.file.write_all_at(free.as_bytes(), 0).and_then(|()| self.heart.file.sync_all());
+    }
+}
+
+impl Store {
+    /// The time by the clock of the store's file system.
+    fn time_there(&self) -> io::Result<SystemTime> {
+        let probe = self.temporary();
+        let time = File::create(&probe).and_then(|mut f| f.write_all(b"\n").and_then(|()| f.metadata()?.modified()));
+        let _ = fs::remove_file(&probe);
+        time
+    }
+
+    /// Takes the lock of `pipeline`, or says who holds it.
+    ///
+    /// # Errors
+    /// Fails when the file system refuses.
+    pub fn lock(&self, pipeline: &str) -> Result<Lock, Fault> {
+        let folder = self.root().join("locks");
+        let path = folder.join(format!("{pipeline}.lock"));
+        let fail = |e: &dyn fmt::Display| trouble("lock", &path, e);
+        let lock = File::create(&path).map_err(|e| fail(&e))?;
+        match lock.try_lock() {
+            Ok(()) => {}
+            Err(fs::TryLockError::WouldBlock) => return Ok(Lock::Held(self.held(&folder, pipeline))),
+            Err(fs::TryLockError::Error(e)) => return Err(fail(&e)),
+        }
+        let newest = match Lease::newest(&folder, pipeline) {
+            // Its holder has just gone on to another number.
+            Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(Lock::Held(Held::default())),
+            newest => newest.map_err(|e| fail(&e))?,
+        };
+        let this = Holder::this();
+        let number = newest.as_ref().map_or(1, |l| l.number.saturating_add(1));
+        if let Some(lease) = newest {
+            let now = self.time_there().map_err(|e| fail(&e))?;
+            if !lease.is_over(&this.boot, now) {
+                return Ok(Lock::Held(lease.held(Some(now))));
+            }
+        }
+        let text = serde_json::to_string(&this).map_err(|e| fail(&e))? + "\n";
+        let to = folder.join(format!("{}{number}", prefix(pipeline)));
+        if !self.lease(&to, text.as_bytes()).map_err(|e| fail(&e))? {
+            return Ok(Lock::Held(self.held(&folder, pipeline)));
+        }
+        let known = numbers(&folder, pipeline).map_err(|e| fail(&e))?;
+        if known.last() != Some(&number) {
+            let _ = fs::remove_file(&to);
+            return Ok(Lock::Held(self.held(&folder, pipeline)));
+        }
+        for older in known.iter().filter(|n| **n < number) {
+            // What stays is of a lower number, and removed another time.
+            let _ = fs::remove_file(folder.join(format!("{}{older}", prefix(pipeline))));
+        }
+        let heart = File::options()
+            .write(true)
+            .open(&to)
+            .and_then(|file| Heart::start(&folder, pipeline, number, text.len() as u64, file))
+            .map_err(|e| fail(&e))?;
+        Ok(Lock::Mine(Publisher { pipeline: pipeline.to_owned(), folder, number, text, heart, _lock: lock }))
+    }
+
+    /// Makes the file of a lease, whole; `false` where it exists.
+    fn lease(&self, to: &Path, text: &[u8]) -> io::Result<bool> {
+        let tmp = self.temporary();
+        File::create(&tmp).and_then(|mut f| f.write_all(text).and_then(|()| f.sync_all()))?;
+        let made = match fs::hard_link(&tmp, to) {
+            Err(e) if e.kind() != io::ErrorKind::AlreadyExists => {
+                // A file system without links.
+                File::options().create_new(true).write(true).open(to).and_then(|mut f| f.write_all(text))
+            }
+            made => made,
+        };
+        let _ = fs::remove_file(&tmp);
+        match made {
+            Ok(()) => Ok(true),
+            Err(e) if e.kind() == io::ErrorKind::AlreadyExists => Ok(false),
+            Err(e) => Err(e),
+        }
+    }
+
+    fn held(&self, folder: &Path, pipeline: &str) -> Held {
+        let lease = Lease::newest(folder, pipeline).ok().flatten();
+        lease.map(|l| l.held(self.time_there().ok())).unwrap_or_default()
+    }
+
+    /// Takes the lock of `pipeline`; where another process holds it, waits for it or fails.
+    ///
+    /// # Errors
+    /// Fails when another process holds it, or the file system refuses.
+    pub fn publisher(&self, pipeline: &str, wait: bool) -> Result<Publisher, Fault> {
+        loop {
+            match self.lock(pipeline)? {
+                Lock::Mine(publisher) => return Ok(publisher),
+                Lock::Held(_) if wait => sleep(LOOK_AGAIN),
+                Lock::Held(held) => {
+                    let fault = Fault::machine(held.told(pipeline, self.root()));
+                    return Err(fault.help("wait for it with --wait, or name another store"));
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::panic)]
+
+    use super::*;
+
+    fn mine(lock: Lock) -> Publisher {
+        match lock {
+            Lock::Mine(publisher) => publisher,
+            Lock::Held(held) => panic!("held: {held:?}"),
+        }
+    }
+
+    fn held(lock: Lock) -> Held {
+        match lock {
+            Lock::Held(held) => held,
+            Lock::Mine(_) => panic!("it was free"),
+        }
+    }
+
+    /// A lease of a process on another host, silent for so long.
+    fn foreign(root: &Path, number: u64, silent: Duration) -> PathBuf {
+        let holder = Holder { host: "elsewhere".to_owned(), boot: "other".to_owned(), ..Holder::this() };
+        let path = root.join("locks").join(format!("p.lease-{number}"));
+        fs::write(&path, serde_json::to_string(&holder).unwrap()).unwrap();
+        File::options().write(true).open(&path).unwrap().set_modified(SystemTime::now() - silent).unwrap();
+        path
+    }
+
+    #[test]
+    fn unit_a_lock_is_held_named_and_released() {
+        let folder = tempfile::tempdir().unwrap();
+        let (one, two) = (Store::open(folder.path()).unwrap(), Store::open(folder.path()).unwrap());
+        let before = generation(folder.path(), "p");
+        let first = mine(one.lock("p").unwrap());
+        assert!(first.follows(before) && first.check().is_ok());
+        let seen = held(two.lock("p").unwrap()).holder.unwrap();
+        assert_eq!((seen.pid, seen.host), (std::process::id(), host()));
+        // What was read while it was held may be old when it is free.
+        assert_eq!(generation(folder.path(), "p"), None);
+        // Another pipeline is another lock.
+        mine(two.lock("q").unwrap());
+        drop(first);
+        let second = mine(two.lock("p").unwrap());
+        assert!(!second.follows(before));
+        assert_eq!(numbers(&folder.path().join("locks"), "p").unwrap(), [2]);
+    }
+
+    #[test]
+    fn unit_a_holder_of_another_host_counts_until_it_is_silent() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::open(folder.path()).unwrap();
+        foreign(folder.path(), 7, Duration::from_secs(60));
+        let told = held(store.lock("p").unwrap());
+        assert_eq!(told.holder.as_ref().unwrap().host, "elsewhere");
+        assert!((59..=70).contains(&told.silent.unwrap().as_secs()));
+        assert!(told.told("p", folder.path()).contains("on elsewhere, since"));
+        foreign(folder.path(), 7, GONE_AFTER + Duration::from_secs(1));
+        let taken = mine(store.lock("p").unwrap());
+        assert_eq!(taken.number, 8);
+        // The one that was taken for gone comes back, takes the next number, and this one must not publish.
+        foreign(folder.path(), 9, Duration::ZERO);
+        let fault = taken.check().unwrap_err();
+        assert!(fault.what.contains("taken over by") && fault.what.contains("elsewhere"), "{}", fault.what);
+    }
+
+    #[test]
+    fn unit_one_of_many_takes_a_lease_over() {
+        let folder = tempfile::tempdir().unwrap();
+        let stores: Vec<Store> = (0..8).map(|_| Store::open(folder.path()).unwrap()).collect();
+        let to = folder.path().join("locks").join("p.lease-3");
+        // Without the lock of the operating system, as on hosts that do not see each other's.
+        let made = |store: &Store| store.lease(&to, store.temporary().display().to_string().as_bytes()).unwrap();
+        let won: Vec<bool> = std::thread::scope(|scope| {
+            let all: Vec<_> = stores.iter().map(|s| scope.spawn(|| made(s))).collect();
+            all.into_iter().map(|t| t.join().unwrap()).collect()
+        });
+        assert_eq!(won.iter().filter(|w| **w).count(), 1, "{won:?}");
+        assert!(!fs::read(&to).unwrap().is_empty());
+    }
+
+    #[test]
+    fn unit_a_lease_that_says_nothing_is_over_when_it_is_old() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::open(folder.path()).unwrap();
+        let path = foreign(folder.path(), 1, Duration::ZERO);
+        fs::write(&path, "").unwrap();
+        assert_eq!(held(store.lock("p").unwrap()).holder, None);
+        File::options().write(true).open(&path).unwrap().set_modified(SystemTime::now() - 2 * GONE_AFTER).unwrap();
+        mine(store.lock("p").unwrap());
+    }
+}

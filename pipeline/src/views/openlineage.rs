@@ -1,0 +1,349 @@
+//! Events of the OpenLineage specification 2-0-2 for a run: one run of the pipeline, and below it one of a job for each
+//! table of a stage. Datasets are files: `file://<host>` and the path, in the store for tables.
+//!
+//! Everything but the identifiers of runs and the times of events follows from the spec and its inputs.
+
+use std::path::{Component, Path, PathBuf};
+
+use schemas::Column;
+use serde_json::{Map, Value, json};
+use uuid::Uuid;
+
+use super::{record, record::SnapshotColumn};
+use crate::{
+    clock,
+    keys::Key,
+    plan::{Graph, Plan, Ref},
+    store::host,
+};
+
+/// Who makes the events.
+pub const PRODUCER: &str = concat!("urn:magline:", env!("CARGO_PKG_VERSION"));
+/// The schema of an event of a run.
+pub const EVENT: &str = "https://openlineage.io/spec/2-0-2/OpenLineage.json#/$defs/RunEvent";
+
+/// The state that an event tells.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum State {
+    /// It begins.
+    Start,
+    /// All of it is there.
+    Complete,
+    /// A part of it is not.
+    Fail,
+    /// It was interrupted.
+    Abort,
+}
+
+impl State {
+    fn as_str(self) -> &'static str {
+        match self {
+            State::Start => "START",
+            State::Complete => "COMPLETE",
+            State::Fail => "FAIL",
+            State::Abort => "ABORT",
+        }
+    }
+}
+
+/// A facet of the specification: its schema's version and name, and what it says.
+pub fn facet(version: &str, name: &str, body: Value) -> Value {
+    let url = format!("https://openlineage.io/spec/facets/{version}/{name}.json#/$defs/{name}");
+    let mut whole = json!({ "_producer": PRODUCER, "_schemaURL": url });
+    if let (Some(whole), Value::Object(body)) = (whole.as_object_mut(), body) {
+        whole.extend(body);
+    }
+    whole
+}
+
+/// A run of a scheduler that starts this one.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Parent {
+    namespace: String,
+    job: String,
+    run: Uuid,
+}
+
+impl Parent {
+    /// From `<namespace>/<job>/<run>`, as schedulers hand it on in `OPENLINEAGE_PARENT_ID`.
+    pub fn parse(text: &str) -> Option<Parent> {
+        let (rest, run) = text.rsplit_once('/')?;
+        let (namespace, job) = rest.rsplit_once('/')?;
+        let run = Uuid::parse_str(run).ok()?;
+        let whole = !namespace.is_empty() && !job.is_empty();
+        whole.then(|| Parent { namespace: namespace.to_owned(), job: job.to_owned(), run })
+    }
+
+    fn json(&self) -> Value {
+        json!({ "run": { "runId": self.run.to_string() }, "job": { "namespace": self.namespace, "name": self.job } })
+    }
+}
+
+/// A run of a pipeline.
+#[derive(Clone, Debug)]
+pub struct Run {
+    /// Its identifier.
+    pub id: Uuid,
+    /// The namespace of its jobs.
+    pub namespace: String,
+    /// The run that started it.
+    pub parent: Option<Parent>,
+    pipeline: String,
+    spec: String,
+}
+
+impl Run {
+    /// A run of `plan`.
+    pub fn new(plan: &Plan, id: Uuid, namespace: String, parent: Option<Parent>) -> Run {
+        let mut spec = plan.spec.text.clone();
+        for set in &plan.spec.sets {
+            spec.push_str(&format!("\n# --set {set}"));
+        }
+        Run { id, namespace, parent, pipeline: plan.spec.name.clone(), spec }
+    }
+
+    /// An event of the run.
+    pub fn event(&self, state: State, error: Option<&str>) -> Value {
+        let job = json!({
+            "jobType": job_type("PIPELINE"),
+            "sourceCode": facet("1-0-1", "SourceCodeJobFacet", json!({ "language": "toml", "sourceCode": self.spec })),
+        });
+        let mut facets = run_facets(error);
+        if let Some(parent) = &self.parent {
+            let mut of = parent.json();
+            of["root"] = parent.json();
+            facets.insert("parent".to_owned(), facet("1-2-0", "ParentRunFacet", of));
+        }
+        self.whole(state, self.id, facets, &self.pipeline, job)
+    }
+
+    /// An event of the run of a table.
+    pub fn of_table(&self, table: &TableLineage, state: State, error: Option<&str>) -> Value {
+        let this = json!({ "run": { "runId": self.id.to_string() }, "job": { "namespace": self.namespace, "name": self.pipeline } });
+        let mut of = this.clone();
+        of["root"] = self.parent.as_ref().map_or(this, Parent::json);
+        let mut facets = run_facets(error);
+        facets.insert("parent".to_owned(), facet("1-2-0", "ParentRunFacet", of));
+        let job = json!({
+            "jobType": job_type("STAGE"),
+            "documentation": facet("1-1-0", "DocumentationJobFacet", json!({ "description": table.about })),
+        });
+        let name = format!("{}.{}", self.pipeline, table.name);
+        let mut event = self.whole(state, self.of(&table.name), facets, &name, job);
+        event["inputs"] = table.inputs.clone();
+        event["outputs"] = json!([table.output]);
+        event
+    }
+
+    /// The identifier of the run of a table: the same for the same run and table.
+    fn of(&self, table: &str) -> Uuid {
+        let key = Key::of([self.id.as_bytes().as_slice(), table.as_bytes()]);
+        let bytes: [u8; 16] = key.as_ref().try_into().unwrap_or_default();
+        uuid::Builder::from_custom_bytes(bytes).into_uuid()
+    }
+
+    fn whole(&self, state: State, run: Uuid, facets: Map<String, Value>, job: &str, about: Value) -> Value {
+        json!({
+            "eventType": state.as_str(),
+            "eventTime": clock::now_ms(),
+            "producer": PRODUCER,
+            "schemaURL": EVENT,
+            "run": { "runId": run.to_string(), "facets": facets },
+            "job": { "namespace": self.namespace, "name": job, "facets": about },
+            "inputs": [],
+            "outputs": [],
+        })
+    }
+}
+
+fn job_type(kind: &str) -> Value {
+    let body = json!({ "processingType": "BATCH", "integration": "MAGLINE", "jobType": kind });
+    facet("2-0-4", "JobTypeJobFacet", body)
+}
+
+fn run_facets(error: Option<&str>) -> Map<String, Value> {
+    let version = env!("CARGO_PKG_VERSION");
+    let engine = json!({ "version": version, "name": "magline", "openlineageAdapterVersion": version });
+    let mut facets = Map::new();
+    facets.insert("processing_engine".to_owned(), facet("1-1-1", "ProcessingEngineRunFacet", engine));
+    if let Some(message) = error {
+        let body = json!({ "message": message, "programmingLanguage": "RUST" });
+        facets.insert("errorMessage".to_owned(), facet("1-0-1", "ErrorMessageRunFacet", body));
+    }
+    facets
+}
+
+/// The lineage of one table: what its job reads and writes.
+pub struct TableLineage {
+    /// The table.
+    pub name: String,
+    about: String,
+    inputs: Value,
+    output: Value,
+}
+
+/// A file or folder as a dataset.
+struct Dataset {
+    namespace: String,
+    name: String,
+    version: String,
+    schema: Value,
+}
+
+impl Dataset {
+    fn new(path: &Path, version: Key, columns: impl Iterator<Item = Value>) -> Dataset {
+        let name = plain(path).display().to_string();
+        let fields: Vec<Value> = columns.collect();
+        Dataset {
+            namespace: format!("file://{}", host()),
+            name,
+            version: version.to_string(),
+            schema: facet("1-2-0", "SchemaDatasetFacet", json!({ "fields": fields })),
+        }
+    }
+
+    fn json(&self) -> Value {
+        let uri = format!("{}{}", self.namespace, self.name);
+        let version = json!({ "datasetVersion": self.version });
+        json!({
+            "namespace": self.namespace,
+            "name": self.name,
+            "facets": {
+                "schema": self.schema,
+                "version": facet("1-0-1", "DatasetVersionDatasetFacet", version),
+                "dataSource": facet("1-0-1", "DatasourceDatasetFacet", json!({ "name": uri, "uri": uri })),
+            },
+        })
+    }
+
+    /// One of its columns as the source of another.
+    fn field(&self, column: &str, kind: &str, subtype: &str) -> Value {
+        json!({
+            "namespace": self.namespace,
+            "name": self.name,
+            "field": column,
+            "transformations": [{ "type": kind, "subtype": subtype, "description": "", "masking": false }],
+        })
+    }
+}
+
+/// A path without `.` and `..`; links below its folder keep their names.
+fn plain(path: &Path) -> PathBuf {
+    path.components().fold(PathBuf::new(), |mut whole, part| {
+        match part {
+            Component::ParentDir => {
+                whole.pop();
+            }
+            Component::CurDir => {}
+            Component::Prefix(_) | Component::RootDir | Component::Normal(_) => whole.push(part),
+        }
+        whole
+    })
+}
+
+/// A folder that exists, from the root.
+fn whole(folder: &Path) -> PathBuf {
+    folder.canonicalize().or_else(|_| std::path::absolute(folder)).unwrap_or_else(|_| folder.to_owned())
+}
+
+fn described(name: &str, kind: &str, unit: &str, about: &str) -> Value {
+    let unit = if unit.is_empty() { String::new() } else { format!(" [{unit}]") };
+    json!({ "name": name, "type": kind, "description": format!("{about}{unit}") })
+}
+
+fn of_source(c: &Column) -> Value {
+    described(&c.name, &c.column_type.data_type().to_string(), &c.unit, &c.doc)
+}
+
+fn of_table(c: &SnapshotColumn) -> Value {
+    described(&c.name, &c.kind, &c.unit, &c.doc)
+}
+
+/// The lineage of every table of a plan with its data, in the plan's order.
+pub fn lineage(graph: &Graph) -> Vec<TableLineage> {
+    let plan = graph.plan;
+    let columns: Vec<Vec<SnapshotColumn>> =
+        plan.tables.iter().enumerate().map(|(t, node)| record::columns(plan, t, node)).collect();
+    let folder = whole(&plan.spec.store).join("tables").join(&plan.spec.name);
+    let version = |t: usize| {
+        let key = |unit| graph.key(unit).map_or_else(|_| "none".to_owned(), |key| key.to_string());
+        Key::of(graph.units(t).map(key))
+    };
+    let tables: Vec<Dataset> = plan
+        .tables
+        .iter()
+        .zip(&columns)
+        .enumerate()
+        .map(|(t, (node, columns))| Dataset::new(&folder.join(&node.name), version(t), columns.iter().map(of_table)))
+        .collect();
+    let bytes = |i: usize| Key::of(graph.bytes.get(i).into_iter().flatten().map(|b| b.hash.to_string()));
+    let path = |name: &str| {
+        let decl = plan.spec.tables.iter().find(|t| t.name == name);
+        whole(&plan.spec.folder).join(decl.map(|d| d.path.0.as_str()).unwrap_or_default())
+    };
+    let flights: Vec<Dataset> = (plan.flights.iter().enumerate())
+        .map(|(i, f)| Dataset::new(&path(&f.name), bytes(i), f.shape.columns.iter().map(of_source)))
+        .collect();
+    let cells = || schemas::map::COLUMNS.iter().map(|(name, d)| described(name, "Float64", d.unit, d.description));
+    let maps: Vec<Dataset> = (plan.maps.iter().enumerate())
+        .map(|(i, m)| Dataset::new(&path(&m.name), bytes(plan.flights.len() + i), cells()))
+        .collect();
+    let of = |r: Ref| match r {
+        Ref::Flights(i) => flights.get(i),
+        Ref::Map(i) => maps.get(i),
+        Ref::Stage(t, _) => tables.get(t),
+    };
+    let one = |t: usize| {
+        let (node, own) = (plan.tables.get(t)?, tables.get(t)?);
+        let sources = node.sources();
+        let named = |name: &str| sources.iter().find(|r| plan.name_of(**r) == name).and_then(|r| of(*r));
+        let mut fields = Map::new();
+        for c in columns.get(t)? {
+            // A stage may make a column anew from the one of the same name.
+            let made = node.variants.iter().any(|v| v.makes(&c.name).is_some());
+            let subtype = if made { "TRANSFORMATION" } else { "IDENTITY" };
+            let from = c.from.iter().filter_map(|(table, column)| Some(named(table)?.field(column, "DIRECT", subtype)));
+            let from: Vec<Value> = from.collect();
+            if !from.is_empty() {
+                fields.insert(c.name.clone(), json!({ "inputFields": from }));
+            }
+        }
+        let mut filters: Vec<&str> = node
+            .variants
+            .iter()
+            .filter_map(|v| v.predicate.as_ref())
+            .flat_map(|p| &p.columns)
+            .map(String::as_str)
+            .collect();
+        filters.sort_unstable();
+        filters.dedup();
+        let first = sources.first().and_then(|r| of(*r));
+        let filters: Vec<Value> =
+            filters.into_iter().filter_map(|c| Some(first?.field(c, "INDIRECT", "FILTER"))).collect();
+        let mut output = own.json();
+        let body = json!({ "fields": fields, "dataset": filters });
+        output["facets"]["columnLineage"] = facet("1-2-0", "ColumnLineageDatasetFacet", body);
+        let stage = format!("`{}` version {}", node.entry.name, node.entry.version);
+        let inputs = sources.iter().filter_map(|r| of(*r)).map(Dataset::json).collect();
+        Some(TableLineage { name: node.name.clone(), about: stage, inputs, output })
+    };
+    (0..plan.tables.len()).filter_map(one).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+
+    #[test]
+    fn unit_the_run_of_a_scheduler_is_named_in_three_parts() {
+        let run = "0190b2a5-2b3c-7def-8a01-23456789abcd";
+        let parent = Parent::parse(&format!("airflow://host/etl.nightly/{run}")).unwrap();
+        assert_eq!((parent.namespace.as_str(), parent.job.as_str()), ("airflow://host", "etl.nightly"));
+        assert_eq!(parent.json()["run"]["runId"], run);
+        for wrong in ["", "a/b", "a/b/c", &format!("b/{run}"), &format!("/b/{run}")] {
+            assert_eq!(Parent::parse(wrong), None, "{wrong}");
+        }
+    }
+}

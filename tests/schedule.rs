@@ -1,0 +1,623 @@
+//! Runs that a scheduler starts: locks, limits, and the files that say what came of them.
+
+use std::{
+    collections::BTreeMap,
+    fs::{self, File},
+    io::{BufRead, BufReader, Read, Write},
+    net::{TcpListener, TcpStream},
+    path::{Path, PathBuf},
+    process::{Child, Command, Stdio},
+    thread::sleep,
+    time::{Duration, Instant, SystemTime},
+};
+
+use arrow_array::{Array, Float64Array, RecordBatch};
+use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
+use serde_json::Value;
+
+use crate::{
+    json_schema::Schemas,
+    support::{Bench, SPEC, changed, line_of, read, repository, stderr, texts, write},
+};
+
+const TABLES: [&str; 6] = ["even", "terms", "coefficients", "clean", "track", "scores"];
+
+fn start(bench: &Bench, args: &[&str]) -> Child {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_magline"));
+    command.args(["run", "spec.toml"]).args(args).current_dir(bench.folder.path());
+    command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap()
+}
+
+fn signal(child: &Child, name: &str) {
+    assert!(Command::new("kill").args([name, &child.id().to_string()]).status().unwrap().success());
+}
+
+fn leases(bench: &Bench) -> Vec<PathBuf> {
+    let files = fs::read_dir(bench.path("store/locks")).into_iter().flatten().flatten().map(|e| e.path());
+    files.filter(|p| p.to_string_lossy().contains("small.lease-")).collect()
+}
+
+/// A run that has the lock.
+fn holder(bench: &Bench) -> Child {
+    let child = start(bench, &["-q"]);
+    let begun = Instant::now();
+    let held = || leases(bench).iter().any(|p| fs::read_to_string(p).is_ok_and(|t| t.contains("\"free\":false")));
+    while !held() {
+        assert!(begun.elapsed() < Duration::from_secs(60), "no run takes the lock");
+        sleep(Duration::from_millis(1));
+    }
+    child
+}
+
+fn json(path: &Path) -> Value {
+    serde_json::from_str(&fs::read_to_string(path).unwrap()).unwrap()
+}
+
+/// A summary, as its schema has it.
+fn summary(bench: &Bench) -> Value {
+    let found = json(&bench.path("summary.json"));
+    let schemas = Schemas::read(&repository().join("datasets/examples/schedule"));
+    assert_eq!(schemas.faults("urn:magline:run-summary:1", &found), [""; 0]);
+    found
+}
+
+fn bytes_of(bench: &Bench, table: &str) -> BTreeMap<String, Vec<u8>> {
+    let all = bench.tables("store").into_iter();
+    all.filter(|(name, _)| name.starts_with(&format!("/small/{table}/"))).collect()
+}
+
+#[test]
+fn user_a_second_run_of_a_pipeline_is_refused_by_name_or_waits_and_computes_nothing_twice() {
+    let bench = Bench::new();
+    let mut first = holder(&bench);
+    signal(&first, "-STOP");
+    let refused = start(&bench, &["-q", "--summary", "summary.json"]).wait_with_output().unwrap();
+    assert_eq!(refused.status.code(), Some(3), "{}", stderr(&refused));
+    let told = stderr(&refused);
+    for word in ["another run of `small` is at work", &format!("process {} on ", first.id()), "since 20", "--wait"] {
+        assert!(told.contains(word), "{word} is not in {told}");
+    }
+    let said = summary(&bench);
+    assert_eq!((&said["status"], &said["exit"]), (&"locked".into(), &3.into()));
+    assert_eq!(said["holder"]["pid"], first.id());
+    let tired = start(&bench, &["-q", "--wait=1s"]).wait_with_output().unwrap();
+    assert_eq!(tired.status.code(), Some(3));
+    assert!(stderr(&tired).contains("it was waited for 1 s"), "{}", stderr(&tired));
+    // Another pipeline of the same store is not held up.
+    fs::write(bench.path("other.toml"), SPEC.replace("\"small\"", "\"other\"")).unwrap();
+    assert!(bench.magline(&["run", "other.toml", "-q", "--until", "even"]).status.success());
+    let mut waits = start(&bench, &["--wait", "--summary", "summary.json"]);
+    sleep(Duration::from_millis(300));
+    assert!(waits.try_wait().unwrap().is_none(), "it did not wait");
+    signal(&first, "-CONT");
+    assert!(first.wait().unwrap().success());
+    let waited = waits.wait_with_output().unwrap();
+    assert!(waited.status.success() && stderr(&waited).contains("waiting for it"), "{}", stderr(&waited));
+    let said = summary(&bench);
+    assert_eq!((&said["units"]["computed"], &said["units"]["reused"]), (&0.into(), &116.into()));
+    assert!(said["holder"].is_null());
+}
+
+#[test]
+fn user_a_holder_that_was_killed_or_is_silent_does_not_lock() {
+    let bench = Bench::new();
+    let mut first = holder(&bench);
+    first.kill().unwrap();
+    first.wait().unwrap();
+    assert!(fs::read_to_string(&leases(&bench)[0]).unwrap().contains("\"free\":false"), "it released its lease");
+    let done = bench.run(&[]);
+    assert_eq!(done.code, 0, "{}", done.stderr);
+    // The lease of a process of another boot, whose lock nobody sees here: it counts while it is renewed.
+    let lease = leases(&bench).pop().unwrap();
+    let number: u64 = lease.to_string_lossy().rsplit('-').next().unwrap().parse().unwrap();
+    let other = bench.path(&format!("store/locks/small.lease-{}", number + 1));
+    let text = fs::read_to_string(&lease).unwrap().replace("\"free\":true", "\"free\":false");
+    let mut holder: Value = serde_json::from_str(&text).unwrap();
+    (holder["host"], holder["boot"]) = ("elsewhere".into(), "another".into());
+    fs::write(&other, holder.to_string()).unwrap();
+    let done = bench.run(&[]);
+    assert_eq!(done.code, 3);
+    assert!(done.stderr.contains("on elsewhere, since") && done.stderr.contains("last sign"), "{}", done.stderr);
+    let old = SystemTime::now() - Duration::from_secs(600);
+    File::options().write(true).open(&other).unwrap().set_modified(old).unwrap();
+    let done = bench.run(&[]);
+    assert_eq!((done.code, done.total("reused")), (0, 116), "{}", done.stderr);
+    assert!(!other.exists() && leases(&bench).len() == 1);
+}
+
+#[test]
+fn user_until_computes_a_table_and_leaves_the_others_as_they_were() {
+    let bench = Bench::new();
+    let done = bench.run(&["--until", "terms", "--summary", "summary.json"]);
+    assert_eq!((done.code, done.computed("even"), done.computed("terms")), (0, 4, 8), "{}", done.stderr);
+    assert!(done.last["tables"].get("clean").is_none());
+    assert_eq!(summary(&bench)["left"], serde_json::json!(["coefficients", "clean", "track", "scores"]));
+    assert!(bench.path("store/tables/small/terms").is_dir() && !bench.path("store/tables/small/clean").exists());
+    let done = bench.run(&[]);
+    assert_eq!(TABLES.map(|t| done.computed(t)), [0, 0, 8, 32, 32, 32]);
+    assert_eq!(done.last["left"], serde_json::json!([]));
+    // What is up to date is published as always, and is not among those that are left.
+    let before = bench.tables("store");
+    let done = bench.run(&["--until", "even"]);
+    assert_eq!((done.total("computed"), &done.last["left"]), (0, &serde_json::json!([])));
+    assert_eq!(bench.tables("store"), before);
+    // Another rate: `even` and `terms` change, the others are those of the last whole run.
+    let slow = SPEC.replace("rate_hz = 10.0", "rate_hz = 5.0");
+    bench.spec(&slow);
+    let (even, clean) = (bytes_of(&bench, "even"), bytes_of(&bench, "clean"));
+    let done = bench.run(&["--until", "terms"]);
+    assert_eq!((done.code, done.computed("terms")), (0, 8));
+    assert_eq!(done.last["left"], serde_json::json!(["coefficients", "clean", "track", "scores"]));
+    let note = done.last["notes"].to_string();
+    assert!(note.contains("coefficients, clean, track, scores"), "{note}");
+    assert_ne!(bytes_of(&bench, "even"), even);
+    assert!(!clean.is_empty() && bytes_of(&bench, "clean") == clean);
+    assert!(done.last["scores"].as_array().unwrap().is_empty(), "scores of other inputs are shown");
+    // They are what nothing may throw away.
+    assert!(bench.magline(&["gc", "--store", "store", "--yes"]).status.success());
+    assert!(bytes_of(&bench, "clean") == clean);
+    assert!(bench.magline(&["verify", "--store", "store"]).status.success());
+    // The record of what a left table was made from is still that of its run.
+    let lineage: Value =
+        serde_json::from_slice(&bench.magline(&["lineage", "small.clean", "--format", "json"]).stdout).unwrap();
+    assert_eq!(lineage["table"], "clean");
+    bench.run(&[]);
+    let grown = bench.tables("store");
+    bench.run(&["--set", "store=fresh"]);
+    assert!(grown == bench.tables("fresh"), "the way to the tables shows in their bytes");
+    let wrong = bench.magline(&["run", "spec.toml", "--until", "claen"]);
+    assert_eq!(wrong.status.code(), Some(2));
+    assert!(stderr(&wrong).contains("did you mean `clean`?"), "{}", stderr(&wrong));
+}
+
+/// Changes one value of a published column in the file that holds it, as a machine that computes something else.
+fn tamper(bench: &Bench, table: &str, column: &str) {
+    let folder = bench.path("store/tables/small").canonicalize().unwrap().join(table);
+    let part = fs::read_dir(folder).unwrap().flatten().map(|e| e.path()).next().unwrap();
+    let opened = ParquetRecordBatchReaderBuilder::try_new(File::open(&part).unwrap()).unwrap();
+    let about = opened.metadata().file_metadata().key_value_metadata().unwrap().clone();
+    let batches: Vec<RecordBatch> = opened.build().unwrap().map(Result::unwrap).collect();
+    let whole = arrow_select::concat::concat_batches(&batches[0].schema(), &batches).unwrap();
+    let at = whole.schema().index_of(column).unwrap();
+    let values = whole.column(at).as_any().downcast_ref::<Float64Array>().unwrap();
+    let first = values.value(0);
+    let whole = changed(&whole, column, |i, x| if i == 0 { first + first.abs() * 1e-15 + 1e-300 } else { x });
+    assert_ne!(whole.column(at).to_data(), batches[0].column(at).to_data());
+    let packs = fs::read_dir(bench.path("store/objects")).unwrap().flatten().map(|e| e.path());
+    let packs: Vec<PathBuf> = packs.flat_map(|p| fs::read_dir(p).unwrap().flatten().map(|e| e.path())).collect();
+    let bytes = fs::read(&part).unwrap();
+    let pack = packs.into_iter().find(|p| fs::read(p).unwrap() == bytes).unwrap();
+    let about: Vec<(String, String)> = about
+        .into_iter()
+        .filter(|kv| kv.key.starts_with("magline") && kv.key != "magline.crc")
+        .map(|kv| (kv.key, kv.value.unwrap_or_default()))
+        .collect();
+    // Not through the link, which the published version shares.
+    fs::remove_file(&pack).unwrap();
+    let store = pipeline::store::Store::open(&bench.path("elsewhere")).unwrap();
+    store.write_table(&pack, &whole, &about).unwrap();
+}
+
+#[test]
+fn user_force_computes_again_and_says_whether_the_bytes_are_the_same() {
+    let bench = Bench::new();
+    bench.run(&[]);
+    let before = bench.tables("store");
+    let done = bench.run(&["--force", "--summary", "summary.json"]);
+    assert_eq!((done.code, done.total("computed")), (0, 0), "{}", done.stderr);
+    let units = |name: &str| {
+        let found = done.last["compared"].as_array().unwrap().iter().find(|c| c["table"] == name).unwrap().clone();
+        assert_eq!(found["differ"], 0);
+        found["units"].as_u64().unwrap()
+    };
+    assert_eq!(TABLES.map(units), [4, 8, 8, 32, 32, 32]);
+    assert_eq!(summary(&bench)["compared"], done.last["compared"]);
+    assert!(done.last["notes"].to_string().contains("`clean` was computed again: 32 units, the same bytes"));
+    assert!(bench.tables("store") == before);
+    assert!(fs::read_dir(bench.path("store/tmp")).unwrap().next().is_none(), "the copy is left");
+    // A result that is not what this program computes.
+    tamper(&bench, "coefficients", "value");
+    let done = bench.run(&["--force=coefficients", "--summary", "summary.json"]);
+    assert_eq!((done.code, done.total("computed")), (1, 0), "{}", done.stderr);
+    assert_eq!(done.last["compared"], serde_json::json!([{ "table": "coefficients", "units": 8, "differ": 1 }]));
+    let told = done.last["failures"].to_string();
+    assert!(told.contains("column `value`, row 0: ") && told.contains(" now"), "{told}");
+    assert_eq!(summary(&bench)["status"], "failed");
+    // `even` was not made from it.
+    assert_eq!(bench.run(&["--force=even"]).code, 0);
+    let wrong = bench.run(&["--force=evne"]);
+    assert!(wrong.code == 2 && wrong.stderr.contains("did you mean `even`?"), "{}", wrong.stderr);
+}
+
+#[test]
+fn user_every_end_of_a_run_has_its_status_and_its_summary() {
+    let bench = Bench::new();
+    let run = |more: &[&str]| {
+        let _ = fs::remove_file(bench.path("summary.json"));
+        let done = bench.run(&[&["--summary", "summary.json"], more].concat());
+        let said = summary(&bench);
+        assert_eq!(said["exit"], done.code, "{}", done.stderr);
+        (done, said)
+    };
+    let (done, said) = run(&["--max-time", "0s"]);
+    assert_eq!((done.code, &said["status"]), (4, &"out_of_time".into()), "{}", done.stderr);
+    assert!(done.stderr.contains("goes on from there"), "{}", done.stderr);
+    let (done, said) = run(&[]);
+    assert_eq!((&said["status"], &said["version"], &said["run"]), (&"done".into(), &1.into(), &done.last["run"]));
+    assert_eq!(said["spec_hash"], blake3::hash(SPEC.as_bytes()).to_hex().to_string());
+    for (table, of) in TABLES.iter().zip(said["tables"].as_array().unwrap()) {
+        assert_eq!((&of["name"], &of["computed"]), (&(*table).into(), &done.computed(table).into()));
+        let files = bytes_of(&bench, table);
+        let bytes: usize = files.values().map(Vec::len).sum();
+        assert_eq!((of["files"].as_u64(), of["bytes"].as_u64()), (Some(files.len() as u64), Some(bytes as u64)));
+    }
+    // A line that cannot be: the rest is there.
+    write(&bench.path("flights/3.parquet"), &[changed(&line_of("3", "3.01", 500), "lat", |_, _| 95.0)]);
+    let (done, said) = run(&[]);
+    assert_eq!((done.code, &said["status"], &said["error"]), (1, &"failed".into(), &Value::Null));
+    assert!(said["failures"][0]["error"].as_str().unwrap().contains("lat"));
+    fs::remove_file(bench.path("flights/3.parquet")).unwrap();
+    let (done, said) = run(&["--set", "even.rate=3"]);
+    assert_eq!((done.code, &said["status"], &said["pipeline"]), (2, &"wrong".into(), &Value::Null));
+    assert!(said["error"].as_str().unwrap().contains("rate_hz"), "{said}");
+    let refused = bench.magline(&["run", "spec.toml", "--summary", "no/such/folder.json"]);
+    assert_eq!(refused.status.code(), Some(2));
+    assert!(stderr(&refused).contains("there is no folder no/such"), "{}", stderr(&refused));
+    // A search needs all its tables.
+    let search = repository().join("datasets/examples/search.toml").display().to_string();
+    let store = format!("store={}", bench.path("searched").display());
+    let refused = bench.magline(&["run", &search, "--set", &store, "--force"]);
+    assert_eq!(refused.status.code(), Some(2));
+    assert!(stderr(&refused).contains("`--force` is not for a spec with a `[search]`"), "{}", stderr(&refused));
+}
+
+#[test]
+fn user_a_run_that_is_out_of_time_goes_on_the_next_time() {
+    let bench = Bench::new();
+    let lambdas: Vec<String> = (0..50).map(|i| format!("{}", f64::from(i) * 1e-3)).collect();
+    let sweep = format!("axes.lambda=[{}]", lambdas.join(","));
+    let args = ["--set", &sweep, "--threads", "1", "--summary", "summary.json"];
+    let done = bench.run(&[&args[..], &["--max-time=1s"]].concat());
+    assert_eq!(done.code, 4, "{}", done.stderr);
+    let said = summary(&bench);
+    assert_eq!(said["status"], "out_of_time");
+    assert!(!bench.path("store/tables/small").exists(), "half a run is published");
+    let whole = bench.run(&args);
+    assert_eq!(whole.code, 0, "{}", whole.stderr);
+    assert_eq!(whole.total("computed") + whole.total("reused"), 12 + 200 + 3 * 800);
+}
+
+/// The events in a file of OpenLineage, held against their schemas, those of each facet too.
+fn events(path: &Path) -> Vec<Value> {
+    let schemas = Schemas::read(&repository().join("tests/reference/openlineage"));
+    let text = fs::read_to_string(path).unwrap();
+    let found: Vec<Value> = text.lines().map(|l| serde_json::from_str(l).unwrap()).collect();
+    for event in &found {
+        assert_eq!(schemas.faults(event["schemaURL"].as_str().unwrap(), event), [""; 0], "{event}");
+        facets(&schemas, event);
+    }
+    found
+}
+
+fn facets(schemas: &Schemas, value: &Value) {
+    if let Some(url) = value.get("_schemaURL") {
+        assert_eq!(schemas.faults(url.as_str().unwrap(), value), [""; 0], "{value}");
+    }
+    let inner: Vec<&Value> = match value {
+        Value::Array(all) => all.iter().collect(),
+        Value::Object(all) => all.values().collect(),
+        _ => vec![],
+    };
+    inner.into_iter().for_each(|v| facets(schemas, v));
+}
+
+fn kinds(events: &[Value]) -> Vec<(String, String)> {
+    let one = |e: &Value| (e["job"]["name"].as_str().unwrap().to_owned(), e["eventType"].as_str().unwrap().to_owned());
+    events.iter().map(one).collect()
+}
+
+#[test]
+fn user_openlineage_events_name_every_hop_from_the_files_to_the_scores() {
+    let bench = Bench::new();
+    let done = bench.run(&["--openlineage", "events.jsonl", "--summary", "summary.json"]);
+    assert_eq!(done.code, 0, "{}", done.stderr);
+    let found = events(&bench.path("events.jsonl"));
+    let pair = |name: String| [(name.clone(), "START".to_owned()), (name, "COMPLETE".to_owned())];
+    let tables = TABLES.iter().flat_map(|t| pair(format!("small.{t}")));
+    let [first, last] = pair("small".to_owned());
+    let expected: Vec<(String, String)> = std::iter::once(first).chain(tables).chain([last]).collect();
+    assert_eq!(kinds(&found), expected);
+    // One run of the pipeline, which the summary names; one below it for each table.
+    let id = summary(&bench)["id"].clone();
+    let mut runs: BTreeMap<String, Vec<Value>> = BTreeMap::new();
+    for event in &found {
+        let job = event["job"]["name"].as_str().unwrap();
+        runs.entry(job.to_owned()).or_default().push(event["run"]["runId"].clone());
+        if job != "small" {
+            let parent = &event["run"]["facets"]["parent"];
+            assert_eq!((&parent["run"]["runId"], &parent["job"]["name"]), (&id, &"small".into()));
+            assert_eq!(parent["root"]["run"]["runId"], id);
+        }
+    }
+    assert!(runs.values().all(|ids| ids.len() == 2 && ids[0] == ids[1]));
+    assert_eq!(runs["small"][0], id);
+    let distinct: std::collections::BTreeSet<String> = runs.values().map(|ids| ids[0].to_string()).collect();
+    assert_eq!(distinct.len(), 7);
+    // The spec is a facet; the files are datasets with versions, and each table is the input of those after it.
+    assert_eq!(found[0]["job"]["facets"]["sourceCode"]["sourceCode"], SPEC);
+    let of = |table: &str| found.iter().rfind(|e| e["job"]["name"] == format!("small.{table}")).unwrap();
+    let folder = bench.folder.path().canonicalize().unwrap();
+    let host = fs::read_to_string("/proc/sys/kernel/hostname").map(|h| h.trim().to_owned());
+    let even = of("even");
+    assert_eq!(even["inputs"][0]["name"], folder.join("flights").display().to_string());
+    if let Ok(host) = host {
+        assert_eq!(even["inputs"][0]["namespace"], format!("file://{host}"));
+    }
+    assert_eq!(even["outputs"][0]["name"], folder.join("store/tables/small/even").display().to_string());
+    let version = |d: &Value| d["facets"]["version"]["datasetVersion"].as_str().unwrap().to_owned();
+    assert_eq!(of("terms")["inputs"][0]["name"], even["outputs"][0]["name"]);
+    assert_eq!(version(&of("terms")["inputs"][0]), version(&even["outputs"][0]));
+    let track: Vec<&str> =
+        of("track")["inputs"].as_array().unwrap().iter().map(|i| i["name"].as_str().unwrap()).collect();
+    assert!(
+        track.iter().any(|n| n.ends_with("/map.parquet")) && track.iter().any(|n| n.ends_with("/clean")),
+        "{track:?}"
+    );
+    let scores: Vec<&Value> = of("scores")["inputs"].as_array().unwrap().iter().collect();
+    assert_eq!(scores.len(), 2);
+    let columns = &of("clean")["outputs"][0]["facets"]["columnLineage"]["fields"];
+    let from = |column: &str| {
+        let inputs = columns[column]["inputFields"].as_array().unwrap().iter();
+        inputs
+            .map(|i| (i["field"].as_str().unwrap().to_owned(), i["transformations"][0]["subtype"].clone()))
+            .collect::<Vec<_>>()
+    };
+    assert!(from("mag_c").contains(&("tl".to_owned(), "TRANSFORMATION".into())), "{:?}", from("mag_c"));
+    assert_eq!(from("lat"), [("lat".to_owned(), "IDENTITY".into())]);
+    let schema = of("clean")["outputs"][0]["facets"]["schema"]["fields"].as_array().unwrap().clone();
+    let mag = schema.iter().find(|f| f["name"] == "mag_c").unwrap();
+    assert!(mag["description"].as_str().unwrap().ends_with("[nT]"), "{mag}");
+    // The view of a store is an event of the same schema.
+    let view = bench.magline(&["lineage", "small.clean", "--store", "store", "--format", "openlineage"]);
+    let view: Value = serde_json::from_slice(&view.stdout).unwrap();
+    fs::write(bench.path("view.jsonl"), view.to_string()).unwrap();
+    assert_eq!(kinds(&events(&bench.path("view.jsonl"))), [("small.clean".to_owned(), "COMPLETE".to_owned())]);
+    // The same but for identifiers and times.
+    fs::remove_dir_all(bench.path("store")).unwrap();
+    bench.run(&["--openlineage", "again.jsonl", "--threads", "1"]);
+    let plain = |events: Vec<Value>| events.into_iter().map(anonymous).collect::<Vec<_>>();
+    let again = events(&bench.path("again.jsonl"));
+    assert_ne!(again[0]["run"]["runId"], id);
+    assert_eq!(plain(again), plain(found.clone()));
+    // Another byte of an input is another version of it and of what is made from it.
+    write(&bench.path("flights/2.parquet"), &[line_of("2", "2.01", 600)]);
+    bench.run(&["--openlineage", "third.jsonl"]);
+    let third = events(&bench.path("third.jsonl"));
+    let changed = third.iter().rfind(|e| e["job"]["name"] == "small.even").unwrap();
+    assert_ne!(version(&changed["inputs"][0]), version(&even["inputs"][0]));
+    assert_ne!(version(&changed["outputs"][0]), version(&even["outputs"][0]));
+}
+
+fn anonymous(mut event: Value) -> Value {
+    let keys = ["eventTime", "runId"];
+    fn walk(value: &mut Value, keys: &[&str]) {
+        match value {
+            Value::Object(all) => {
+                all.retain(|k, _| !keys.contains(&k.as_str()));
+                all.values_mut().for_each(|v| walk(v, keys));
+            }
+            Value::Array(all) => all.iter_mut().for_each(|v| walk(v, keys)),
+            _ => {}
+        }
+    }
+    walk(&mut event, &keys);
+    event
+}
+
+#[test]
+fn user_openlineage_tells_failures_and_the_run_of_the_scheduler() {
+    let bench = Bench::new();
+    write(&bench.path("flights/3.parquet"), &[changed(&line_of("3", "3.01", 500), "lat", |_, _| 95.0)]);
+    let parent = "airflow/nightly.sweep/0190b2a5-2b3c-7def-8a01-23456789abcd";
+    let output = Command::new(env!("CARGO_BIN_EXE_magline"))
+        .args(["run", "spec.toml", "-q", "--openlineage", "events.jsonl"])
+        .env("OPENLINEAGE_PARENT_ID", parent)
+        .env("OPENLINEAGE_NAMESPACE", "geo")
+        .current_dir(bench.folder.path())
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
+    let found = events(&bench.path("events.jsonl"));
+    let last = found.last().unwrap();
+    assert_eq!((&last["eventType"], &last["job"]["namespace"]), (&"FAIL".into(), &"geo".into()));
+    assert!(last["run"]["facets"]["errorMessage"]["message"].as_str().unwrap().contains("lat"), "{last}");
+    for event in &found {
+        let facet = &event["run"]["facets"]["parent"];
+        let above = if event["job"]["name"] == "small" { facet } else { &facet["root"] };
+        assert_eq!(above["job"]["name"], "nightly.sweep");
+        assert_eq!(above["run"]["runId"], "0190b2a5-2b3c-7def-8a01-23456789abcd");
+    }
+    let even = found.iter().rfind(|e| e["job"]["name"] == "small.even").unwrap();
+    assert_eq!(even["eventType"], "FAIL");
+    assert!(even["run"]["facets"]["errorMessage"]["message"].as_str().unwrap().starts_with("1 of 5 units"), "{even}");
+    // A run that was stopped is aborted; the spec of one that is wrong never ran.
+    bench.run(&["--openlineage", "stopped.jsonl", "--max-time=0s", "--set", "store=other"]);
+    let stopped = kinds(&events(&bench.path("stopped.jsonl")));
+    assert_eq!(stopped.first().unwrap().1, "START");
+    assert_eq!(stopped.last().unwrap(), &("small".to_owned(), "ABORT".to_owned()));
+    bench.run(&["--openlineage", "wrong.jsonl", "--set", "even.rate=3"]);
+    assert!(!bench.path("wrong.jsonl").exists());
+}
+
+/// Answers each request with `status`, and gives back their bodies when the client is done.
+fn serve(listener: TcpListener, status: &'static str) -> std::thread::JoinHandle<Vec<(String, Value)>> {
+    std::thread::spawn(move || {
+        let mut bodies = vec![];
+        for stream in listener.incoming() {
+            let Ok(stream) = stream else { break };
+            if !one_client(stream, status, &mut bodies) {
+                break;
+            }
+        }
+        bodies
+    })
+}
+
+/// One request to a connection.
+fn one_client(stream: TcpStream, status: &str, bodies: &mut Vec<(String, Value)>) -> bool {
+    let mut reader = BufReader::new(stream.try_clone().unwrap());
+    let (mut head, mut length) = (String::new(), 0);
+    loop {
+        let mut line = String::new();
+        if reader.read_line(&mut line).unwrap_or(0) == 0 {
+            return true;
+        }
+        if let Some(n) = line.to_ascii_lowercase().strip_prefix("content-length:") {
+            length = n.trim().parse().unwrap();
+        }
+        let end = line == "\r\n";
+        head.push_str(&line);
+        if end {
+            break;
+        }
+    }
+    if head.starts_with("GET /stop") {
+        return false;
+    }
+    let mut body = vec![0; length];
+    reader.read_exact(&mut body).unwrap();
+    bodies.push((head, serde_json::from_slice(&body).unwrap()));
+    write!(&stream, "HTTP/1.1 {status}\r\nContent-Length: 0\r\nConnection: close\r\n\r\n").unwrap();
+    true
+}
+
+#[test]
+fn user_openlineage_goes_to_a_server_and_a_server_that_is_gone_fails_nothing() {
+    let bench = Bench::new();
+    let sent = |status: &'static str, store: &str| {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let address = listener.local_addr().unwrap();
+        let server = serve(listener, status);
+        let output = Command::new(env!("CARGO_BIN_EXE_magline"))
+            .args(["run", "spec.toml", "-q", "--until", "terms", "--openlineage", &format!("http://{address}")])
+            .args(["--set", &format!("store={store}")])
+            .env("OPENLINEAGE_API_KEY", "secret")
+            .env_remove("http_proxy")
+            .env_remove("HTTP_PROXY")
+            .env_remove("ALL_PROXY")
+            .current_dir(bench.folder.path())
+            .output()
+            .unwrap();
+        write!(TcpStream::connect(address).unwrap(), "GET /stop HTTP/1.1\r\n\r\n").unwrap();
+        (output, server.join().unwrap())
+    };
+    let (output, bodies) = sent("201 Created", "one");
+    assert!(output.status.success() && stderr(&output).is_empty(), "{}", stderr(&output));
+    assert_eq!(bodies.len(), 2 * 3);
+    assert!(bodies.iter().all(|(head, _)| head.starts_with("POST /api/v1/lineage HTTP/1.1")));
+    assert!(bodies.iter().all(|(head, _)| head.to_ascii_lowercase().contains("authorization: bearer secret")));
+    assert_eq!(bodies[0].1["eventType"], "START");
+    assert_eq!(bodies.last().unwrap().1["eventType"], "COMPLETE");
+    let (output, bodies) = sent("400 Bad Request", "two");
+    assert!(output.status.success(), "{}", stderr(&output));
+    assert!(stderr(&output).contains("warning: OpenLineage events are lost: 6 of them"), "{}", stderr(&output));
+    // It is not asked again and again.
+    assert_eq!(bodies.len(), 3);
+    let closed = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+    let output = bench.magline(&["run", "spec.toml", "-q", "--openlineage", &format!("http://{closed}")]);
+    assert!(output.status.success() && stderr(&output).contains("events are lost"), "{}", stderr(&output));
+    let output = bench.magline(&["run", "spec.toml", "--openlineage", "https://localhost"]);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(stderr(&output).contains("no TLS"), "{}", stderr(&output));
+}
+
+/// Samples by name and labels; each family has its help and its type before its samples.
+fn metrics(path: &Path) -> BTreeMap<String, f64> {
+    let text = fs::read_to_string(path).unwrap();
+    assert!(text.ends_with('\n'));
+    let mut known = vec![];
+    let mut samples = BTreeMap::new();
+    for line in text.lines() {
+        if let Some(rest) = line.strip_prefix("# TYPE ") {
+            let (name, kind) = rest.split_once(' ').unwrap();
+            assert_eq!(kind, "gauge");
+            assert!(!known.contains(&name.to_owned()), "{name} twice");
+            known.push(name.to_owned());
+        } else if !line.starts_with("# HELP ") {
+            let (sample, value) = line.rsplit_once(' ').unwrap();
+            let (name, labels) = sample.split_once('{').unwrap();
+            assert_eq!(known.last().unwrap(), name);
+            assert!(labels.ends_with('}'));
+            assert!(samples.insert(sample.to_owned(), value.parse().unwrap()).is_none(), "{sample} twice");
+        }
+    }
+    samples
+}
+
+#[test]
+fn user_metrics_are_those_of_the_run_and_remember_the_last_success() {
+    let bench = Bench::new();
+    let done = bench.run(&["--metrics", "magline.prom"]);
+    assert_eq!(done.code, 0, "{}", done.stderr);
+    let found = metrics(&bench.path("magline.prom"));
+    for table in TABLES {
+        let of = |outcome: &str| {
+            found[&format!("magline_run_units{{pipeline=\"small\",table=\"{table}\",outcome=\"{outcome}\"}}")]
+        };
+        assert_eq!((of("computed"), of("reused"), of("failed")), (done.computed(table) as f64, 0.0, 0.0));
+        let bytes: usize = bytes_of(&bench, table).values().map(Vec::len).sum();
+        assert_eq!(found[&format!("magline_table_bytes{{pipeline=\"small\",table=\"{table}\"}}")], bytes as f64);
+    }
+    let of = |found: &BTreeMap<String, f64>, name: &str| found[&format!("{name}{{pipeline=\"small\"}}")];
+    let success = of(&found, "magline_last_success_timestamp_seconds");
+    let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap().as_secs_f64();
+    assert!((now - success).abs() < 600.0);
+    write(&bench.path("flights/3.parquet"), &[changed(&line_of("3", "3.01", 500), "lat", |_, _| 95.0)]);
+    assert_eq!(bench.run(&["--metrics", "magline.prom"]).code, 1);
+    let failed = metrics(&bench.path("magline.prom"));
+    assert_eq!(of(&failed, "magline_last_success_timestamp_seconds"), success);
+    assert!(of(&failed, "magline_run_end_timestamp_seconds") > success);
+    assert_eq!(of(&failed, "magline_run_exit_status"), 1.0);
+    assert_eq!(failed["magline_run_units{pipeline=\"small\",table=\"even\",outcome=\"skipped\"}"], 1.0);
+}
+
+#[test]
+fn user_a_watched_folder_takes_what_is_whole_and_names_what_is_not() {
+    let bench = Bench::new();
+    let old = |name: &str| {
+        let file = File::options().write(true).open(bench.path(name)).unwrap();
+        file.set_modified(SystemTime::now() - Duration::from_secs(7200)).unwrap();
+    };
+    ["flights/1.parquet", "flights/2.parquet"].iter().for_each(|name| old(name));
+    assert_eq!(bench.run(&["--settle", "1h"]).code, 0);
+    // Names of files that are being written: none of them is looked at.
+    let whole = bench.path("3.parquet");
+    write(&whole, &[line_of("3", "3.02", 500)]);
+    let bytes = fs::read(&whole).unwrap();
+    let half = &bytes[..bytes.len() / 2];
+    for name in [".3.parquet.Xy12", "_3.parquet", "3.parquet.part", "3.parquet.tmp", "3.parquet.filepart"] {
+        fs::write(bench.path("flights").join(name), half).unwrap();
+    }
+    assert_eq!(bench.run(&[]).total("computed"), 0);
+    // Half a file under its final name: the run says which, and the tables stay as they are.
+    let before = bench.tables("store");
+    fs::write(bench.path("flights/3.parquet"), half).unwrap();
+    let refused = bench.run(&[]);
+    assert_eq!(refused.code, 2);
+    assert!(refused.stderr.contains("flights/3.parquet: not a whole Parquet file"), "{}", refused.stderr);
+    assert!(bench.tables("store") == before);
+    // With a time to settle it is left out, and said.
+    let done = bench.run(&["--settle", "1h"]);
+    assert_eq!((done.code, done.total("computed")), (0, 0), "{}", done.stderr);
+    let notes = done.last["notes"].to_string();
+    assert!(notes.contains("left out") && notes.contains("flights/3.parquet"), "{notes}");
+    // When it is whole the next run has it, and computes its units alone.
+    fs::write(bench.path("flights/3.parquet"), &bytes).unwrap();
+    old("flights/3.parquet");
+    let done = bench.run(&["--settle", "1h"]);
+    assert_eq!(TABLES.map(|t| done.computed(t)), [1, 2, 0, 8, 8, 8], "{}", done.stderr);
+    let lines = texts(&read(&bench.path("store/tables/small/even")), "line");
+    assert!(lines.contains(&"3.02".to_owned()));
+    let none = bench.run(&["--settle", "1d"]);
+    assert!(none.code == 2 && none.stderr.contains("has no file that is settled"), "{}", none.stderr);
+}
