@@ -279,6 +279,10 @@ impl Navigate {
 }
 
 impl Stage for Navigate {
+    fn effort(&self) -> f64 {
+        self.filter.keys.effort()
+    }
+
     fn idle(&self, key: &str) -> Option<Fault> {
         self.filter.foreign(key).or_else(|| self.geometry.idle(key)).or_else(|| self.filter.keys.idle(key))
     }

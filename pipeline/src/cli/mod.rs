@@ -24,12 +24,13 @@ use std::{
     sync::atomic::{AtomicBool, Ordering},
 };
 
-use clap::{Args, Parser, Subcommand};
+use clap::{Args, Parser, Subcommand, ValueEnum};
 use progress::Progress;
 use say::err;
 use schemas::{Entry, Fault, render};
 
 use crate::{
+    cost,
     plan::{Graph, Plan},
     read_spec,
     run::{self, Event, Listener, Summary},
@@ -58,7 +59,7 @@ enum Command {
     /// Check a spec; nothing is run.
     Check(SpecArgs),
     /// Print the plan: tables, axes, what is in the store, what each stage costs.
-    Explain(SpecArgs),
+    Explain(ExplainArgs),
     /// Show what changed since a table was last computed.
     Why {
         #[command(flatten)]
@@ -167,6 +168,32 @@ struct SpecArgs {
 }
 
 #[derive(Args)]
+struct ExplainArgs {
+    #[command(flatten)]
+    spec: SpecArgs,
+    /// What a run would cost instead: rows, bytes in the store, processor time and memory of each table, and the time on
+    /// this machine. Sources are read, or simulated, for it.
+    #[arg(long)]
+    cost: bool,
+    /// The form of the cost.
+    #[arg(long, value_enum, default_value_t, requires = "cost")]
+    format: CostFormat,
+    /// The number of threads that the run would have; all cores by default.
+    #[arg(long, value_parser = threads::count, requires = "cost")]
+    threads: Option<usize>,
+}
+
+/// The form of a cost.
+#[derive(Clone, Copy, Default, ValueEnum)]
+enum CostFormat {
+    /// Columns, in two digits.
+    #[default]
+    Table,
+    /// One JSON object: tables, and the sums of rows, bytes, processor_s, clock_s, memory_bytes.
+    Json,
+}
+
+#[derive(Args)]
 struct RunArgs {
     #[command(flatten)]
     spec: SpecArgs,
@@ -254,7 +281,7 @@ pub fn main(catalogue: &[Entry]) -> ExitCode {
         Command::Run(args) => run_spec(catalogue, &args, false),
         Command::Compact(args) => run_spec(catalogue, &args, true),
         Command::Check(args) => check(catalogue, &args),
-        Command::Explain(args) => with_graph(catalogue, &args, |graph, store| Ok(views::explain(graph, store))),
+        Command::Explain(args) => explain(catalogue, &args),
         Command::Why { spec, table } => {
             with_graph(catalogue, &spec, |graph, store| Ok(views::why(graph, store, &table)?))
         }
@@ -357,6 +384,19 @@ fn check(catalogue: &[Entry], args: &SpecArgs) -> Result<(), Stop> {
     }
     let most = if plan.spec.search.is_some() { "at most " } else { "" };
     say(format!("{} is fine: {} tables, {most}{points} points\n", plan.spec.file, plan.tables.len()))
+}
+
+fn explain(catalogue: &[Entry], args: &ExplainArgs) -> Result<(), Stop> {
+    if !args.cost {
+        return with_graph(catalogue, &args.spec, |graph, store| Ok(views::explain(graph, store)));
+    }
+    with_graph(catalogue, &args.spec, |graph, store| {
+        let cost = cost::estimate(graph, store, args.threads.unwrap_or_else(threads::cores))?;
+        Ok(match args.format {
+            CostFormat::Table => views::cost::table(&cost),
+            CostFormat::Json => format!("{}\n", views::cost::json(&cost)),
+        })
+    })
 }
 
 fn with_graph(

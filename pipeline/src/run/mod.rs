@@ -24,10 +24,13 @@ pub use logical::{PATTERNS, SCHEMA};
 pub use search::search;
 pub use trials::settled;
 
+pub(crate) use cut::Cut;
+pub(crate) use layout::Layout;
 use work::Worker;
 
 use crate::{
     clock,
+    cost::Watch,
     keys::Key,
     plan::{Graph, LineId, Plan, Ref, TableNode, Unit},
     sources::ReadStep,
@@ -182,15 +185,18 @@ fn once(
     let mut runner =
         Runner { graph: &graph, store, listener, compact, worker: &worker, states, failures: vec![], seconds: vec![] };
     runner.sources();
+    let mut watch = Watch::new(&graph, store);
     let (mut tables, mut packs) = (vec![], vec![]);
     for (t, node) in plan.tables.iter().enumerate() {
         if INTERRUPTED.load(Ordering::Relaxed) {
             break;
         }
+        let before = watch.table(t);
         let started = Instant::now();
         let (count, found) = runner.table(t);
         packs.push(found);
         let seconds = started.elapsed().as_secs_f64();
+        watch.done(before, count, packs.last().map_or(&[], Vec::as_slice));
         runner.seconds.push((count.computed, seconds));
         listener.hear(&Event::Table { table: &node.name, count, seconds });
         tables.push((node.name.clone(), count));
@@ -239,6 +245,7 @@ fn once(
         });
         failures.extend(last.err().map(unpublished));
     }
+    watch.keep(pass.last && !interrupted);
     let (quality, quality_lines) = quality::count(&graph);
     let folder = store.root().join("tables").join(&plan.spec.name);
     let scores = if interrupted || !pass.last { vec![] } else { scores::all(plan, &folder, &warnings) };

@@ -9,6 +9,7 @@
 //! tables/<pipeline>           a link to the newest version, replaced in one step
 //! plans/<pipeline>.json       the inputs of the last computation of the tables
 //! runs/<pipeline>.jsonl       the history of its runs
+//! costs/<pipeline>.json        what its tables took: for `explain --cost`, and part of no key
 //! checkpoints/<key>           the state of a unit that takes minutes, until it is done
 //! damaged/                    packs that did not verify
 //! locks/                      one file per pipeline, locked by its run
@@ -45,7 +46,7 @@ use arrow_select::concat::concat_batches;
 use schemas::Fault;
 
 use crate::keys::Key;
-pub use catalogue::{Catalogue, FAILED, Pack, Packed};
+pub use catalogue::{Catalogue, FAILED, Pack, Packed, Place};
 use catalogue::{UNITS, stamp};
 use objects::{NOTES, Note};
 pub use objects::{Objects, Remarks};
@@ -58,7 +59,7 @@ pub use version::{
 const LAYOUT: &str = "magline store 3\n";
 
 /// The folders of a store.
-const PARTS: [&str; 11] = [
+const PARTS: [&str; 12] = [
     "objects",
     "sources",
     "quality",
@@ -67,6 +68,7 @@ const PARTS: [&str; 11] = [
     "plans",
     "runs",
     checkpoints::FOLDER,
+    crate::cost::FOLDER,
     "damaged",
     "locks",
     "tmp",
