@@ -128,12 +128,14 @@ pub fn estimate(graph: &Graph, store: &Store, threads: usize) -> Result<Cost, Fa
     }
     let (mut beside, mut beside_clock) = (0.0, 0.0);
     if tables.iter().any(|t| t.units > 0) {
-        beside = known.seconds.total(&watch::of_run(graph, numbers).time(0.0)) / speed;
+        beside = (START_S + known.seconds.total(&watch::of_run(graph, numbers).time(0.0))) / speed;
         beside_clock = beside + SYNCS_A_TABLE * tables.len() as f64 * sync_s;
     }
     Ok(Cost { tables, beside, beside_clock, threads, speed, measured: known.own })
 }
 
+/// What the program takes to start and to read its plan, s, of a machine of speed 1: before anything is measured.
+const START_S: f64 = 0.03;
 /// A file is brought to the disk, and then its name.
 const SYNCS_A_FILE: f64 = 2.0;
 /// The folders of a published table, and its list of units.

@@ -173,7 +173,12 @@ impl Known {
         let all = || own.iter().map(|o| (o, 1.0)).chain(built_in_ref().map(|o| (o, BUILT_IN)));
         let sample =
             |amounts, total: f64, floor: f64, counts: f64| Sample { amounts, total, weight: counts / (total + floor) };
-        let seconds: Vec<Sample> = all().map(|(o, w)| sample(o.work.time(o.rows), o.seconds, 0.005, w)).collect();
+        // By the root, so that neither the long tables nor the many short ones have all the say.
+        let time = |(o, w): (&Observation, f64)| {
+            let (amounts, weight) = (o.work.time(o.rows), w / (o.seconds + 0.005).sqrt());
+            Sample { amounts, total: o.seconds, weight }
+        };
+        let seconds: Vec<Sample> = all().map(time).collect();
         let rows: Vec<Sample> = all().map(|(o, w)| sample(o.work.rows(), o.rows, 1.0, w)).collect();
         let bytes = |(o, w): (&Observation, f64)| Some(sample(o.work.bytes(o.rows), o.bytes?, 1000.0, w));
         let bytes: Vec<Sample> = all().filter_map(bytes).collect();

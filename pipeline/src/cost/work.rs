@@ -179,7 +179,8 @@ impl<'a> Amounts<'a> {
             if let Some(key) = entry.kinds.first().map(|k| k.key)
                 && let Some((_, chosen)) = stage.canonical().into_iter().find(|(name, _)| *name == key)
             {
-                kind = format!("{kind} {}", chosen.trim_matches('"'));
+                // It is spelt in quotes, with its version behind it.
+                kind = format!("{kind} {}", chosen.split('"').nth(1).unwrap_or(&chosen));
             }
         }
         let inputs = it.inputs();
