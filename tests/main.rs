@@ -9,6 +9,7 @@ mod bad_input;
 mod bench;
 mod bytes;
 mod calibration;
+mod cost;
 mod examples;
 mod failures;
 mod field;

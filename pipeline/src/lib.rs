@@ -11,6 +11,7 @@ pub mod bench;
 mod casting;
 mod cli;
 pub mod clock;
+pub mod cost;
 pub mod keys;
 pub mod plan;
 pub mod predicate;

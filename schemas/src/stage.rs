@@ -67,6 +67,12 @@ pub trait Stage: Params + Any + Send + Sync {
     fn idle(&self, _key: &str) -> Option<Fault> {
         None
     }
+
+    /// How much work a sample is, in any unit that does not depend on the parameters: where some of them multiply it, such
+    /// as a number of particles, their product. `explain --cost` scales measured seconds by it.
+    fn effort(&self) -> f64 {
+        1.0
+    }
 }
 
 /// A stage that works on one line at a time.

@@ -282,6 +282,10 @@ fn terms_of(column: &Column) -> Vec<String> {
 }
 
 impl Stage for Fit {
+    fn effort(&self) -> f64 {
+        self.model.keys.effort()
+    }
+
     fn idle(&self, key: &str) -> Option<Fault> {
         let own = || self.model.keys.idle(key);
         let model = self.model.kind;

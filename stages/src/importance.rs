@@ -131,6 +131,10 @@ block_s = 1.0
 }
 
 impl Stage for Importance {
+    fn effort(&self) -> f64 {
+        self.repeats as f64
+    }
+
     fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
         let lines = shape(inputs, 0)?;
         let Some(Table::Model { features, shape }) = inputs.get(1) else {

@@ -318,6 +318,10 @@ impl Navigate {
 }
 
 impl Stage for Navigate {
+    fn effort(&self) -> f64 {
+        self.filter.keys.effort()
+    }
+
     fn idle(&self, key: &str) -> Option<Fault> {
         let unused = key == "noise_column" && !self.filter.keys.takes_field();
         let what = || Fault::new(format!("the filter `{}` has no use for `noise_column`", self.filter.kind.name));

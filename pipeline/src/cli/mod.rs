@@ -33,6 +33,7 @@ use say::err;
 use schemas::{Entry, Fault, render};
 
 use crate::{
+    cost,
     plan::{Graph, Plan},
     read_spec,
     run::{self, Event, Listener, Summary},
@@ -66,7 +67,7 @@ enum Command {
     /// Check a spec; nothing is run.
     Check(SpecArgs),
     /// Print the plan: tables, axes, what is in the store, what each stage costs.
-    Explain(SpecArgs),
+    Explain(ExplainArgs),
     /// Show what changed since a table was last computed.
     Why {
         #[command(flatten)]
@@ -172,6 +173,32 @@ struct SpecArgs {
     /// Change a value of the spec: seed, store, axes.NAME, search.KEY, tables.NAME.KEY, publish.KEY or STAGE.PARAMETER.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     sets: Vec<String>,
+}
+
+#[derive(Args)]
+struct ExplainArgs {
+    #[command(flatten)]
+    spec: SpecArgs,
+    /// What a run would cost instead: rows, bytes in the store, processor time and memory of each table, and the time on
+    /// this machine. Sources are read, or simulated, for it.
+    #[arg(long)]
+    cost: bool,
+    /// The form of the cost.
+    #[arg(long, value_enum, default_value_t, requires = "cost")]
+    format: CostFormat,
+    /// The number of threads that the run would have; all cores by default.
+    #[arg(long, value_parser = threads::count, requires = "cost")]
+    threads: Option<usize>,
+}
+
+/// The form of a cost.
+#[derive(Clone, Copy, Default, ValueEnum)]
+enum CostFormat {
+    /// Columns, in two digits.
+    #[default]
+    Table,
+    /// One JSON object: tables, and the sums of rows, bytes, processor_s, clock_s, memory_bytes.
+    Json,
 }
 
 #[derive(Args)]
@@ -307,7 +334,7 @@ pub fn main(catalogue: &[Entry]) -> ExitCode {
         Command::Tasks(args) => task::tasks(catalogue, &args),
         Command::Task(args) => task::task(catalogue, &args),
         Command::Check(args) => check(catalogue, &args),
-        Command::Explain(args) => with_graph(catalogue, &args, |graph, store| Ok(views::explain(graph, store))),
+        Command::Explain(args) => explain(catalogue, &args),
         Command::Why { spec, table } => {
             with_graph(catalogue, &spec, |graph, store| Ok(views::why(graph, store, &table)?))
         }
@@ -418,6 +445,19 @@ fn check(catalogue: &[Entry], args: &SpecArgs) -> Result<(), Stop> {
     }
     let most = if plan.spec.search.is_some() { "at most " } else { "" };
     say(format!("{} is fine: {} tables, {most}{points} points\n", plan.spec.file, plan.tables.len()))
+}
+
+fn explain(catalogue: &[Entry], args: &ExplainArgs) -> Result<(), Stop> {
+    if !args.cost {
+        return with_graph(catalogue, &args.spec, |graph, store| Ok(views::explain(graph, store)));
+    }
+    with_graph(catalogue, &args.spec, |graph, store| {
+        let cost = cost::estimate(graph, store, args.threads.unwrap_or_else(threads::cores))?;
+        Ok(match args.format {
+            CostFormat::Table => views::cost::table(&cost),
+            CostFormat::Json => format!("{}\n", views::cost::json(&cost)),
+        })
+    })
 }
 
 fn with_graph(

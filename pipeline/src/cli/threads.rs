@@ -11,7 +11,7 @@ const ALWAYS: usize = 64;
 /// More threads than this for each core only take memory.
 const PER_CORE: usize = 4;
 
-/// The cores of this machine.
+/// The cores of this machine that this process may use.
 pub fn cores() -> usize {
     available_parallelism().map_or(1, usize::from)
 }

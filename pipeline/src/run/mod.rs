@@ -39,10 +39,13 @@ pub use search::search;
 pub use task::{Answer, Receipt, Task, TaskUnit};
 pub use trials::settled;
 
+pub(crate) use cut::Cut;
+pub(crate) use layout::Layout;
 use work::Worker;
 
 use crate::{
     clock,
+    cost::Watch,
     keys::Key,
     plan::{Graph, LineId, Plan, Recorded, Ref, TableNode, Unit},
     sources::ReadStep,
@@ -227,6 +230,7 @@ fn once(
     let worker = Worker::new(&graph, store, listener);
     let mut runner = Runner::new(&worker, listener, options, recorded);
     runner.sources();
+    let mut watch = Watch::new(&graph, store);
     let (mut tables, mut packs) = (vec![], vec![]);
     for (t, node) in plan.tables.iter().enumerate() {
         if INTERRUPTED.load(Ordering::Relaxed) {
@@ -238,10 +242,12 @@ fn once(
             runner.seconds.push((0, 0.0));
             continue;
         }
+        let before = watch.table(t);
         let started = Instant::now();
         let (count, found) = runner.table(t);
         packs.push(found);
         let seconds = started.elapsed().as_secs_f64();
+        watch.done(before, count, packs.last().map_or(&[], Vec::as_slice));
         runner.seconds.push((count.computed, seconds));
         listener.hear(&Event::Table { table: &node.name, count, seconds });
         tables.push((node.name.clone(), count));
@@ -294,6 +300,7 @@ fn once(
         });
         failures.extend(last.err().map(unpublished));
     }
+    watch.keep(pass.last && !interrupted);
     let (quality, quality_lines) = quality::count(&graph);
     let folder = store.root().join("tables").join(&plan.spec.name);
     let mut scores = if interrupted || !pass.last { vec![] } else { scores::all(plan, &folder, &warnings) };

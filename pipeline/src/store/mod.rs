@@ -10,6 +10,7 @@
 //! plans/<pipeline>.json       the inputs of the last computation of the tables
 //! plans/<hash>                a plan with its lines and keys, for workers of other processes
 //! runs/<pipeline>.jsonl       the history of its runs
+//! costs/<pipeline>.json        what its tables took: for `explain --cost`, and part of no key
 //! checkpoints/<key>           the state of a unit that takes minutes, until it is done
 //! attempts/<key>/<n>          a worker of another process computes the unit, or was lost while it did
 //! damaged/                    packs that did not verify
@@ -52,7 +53,7 @@ use arrow_select::concat::concat_batches;
 use schemas::Fault;
 
 use crate::keys::Key;
-pub use catalogue::{Catalogue, FAILED, Pack, Packed};
+pub use catalogue::{Catalogue, FAILED, Pack, Packed, Place};
 use catalogue::{UNITS, stamp};
 pub use lock::{Held, Holder, Lock, Publisher, generation, host};
 use objects::{NOTES, Note};
@@ -77,6 +78,7 @@ const PARTS: [&str; 12] = [
     "runs",
     attempts::FOLDER,
     checkpoints::FOLDER,
+    crate::cost::FOLDER,
     "damaged",
     "locks",
     "tmp",

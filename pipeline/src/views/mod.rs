@@ -1,5 +1,6 @@
 //! Views of a plan and of the results of a run: explain, lineage, why, the reference, SQL.
 
+pub mod cost;
 mod explain;
 pub mod history;
 mod lineage;

@@ -90,6 +90,8 @@ pub trait StageDyn: Send + Sync {
     fn canonical(&self) -> Vec<(&'static str, String)>;
     /// See [`Stage::idle`].
     fn idle(&self, key: &str) -> Option<Fault>;
+    /// See [`Stage::effort`].
+    fn effort(&self) -> f64;
     /// See [`Stage::yields`].
     ///
     /// # Errors
@@ -109,6 +111,10 @@ impl<S: Stage> StageDyn for S {
 
     fn idle(&self, key: &str) -> Option<Fault> {
         Stage::idle(self, key)
+    }
+
+    fn effort(&self) -> f64 {
+        Stage::effort(self)
     }
 
     fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {

@@ -53,6 +53,10 @@ model! {
 }
 
 impl FitModel for BoostedTrees {
+    fn effort(&self) -> f64 {
+        self.trees as f64
+    }
+
     fn learn(&self, samples: &Samples, _: &Settings, work: &PointWork) -> Result<Learnt, Fault> {
         let (train, validate) = samples.split(&self.validation)?;
         let at = samples.places(self.inputs.as_ref()).map_err(|f| f.of_param("inputs"))?;

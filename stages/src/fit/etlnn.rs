@@ -32,6 +32,10 @@ impl FitModel for ExtendedTollesLawsonNetwork {
         learn(&self.network, &beside, samples, settings, work)
     }
 
+    fn effort(&self) -> f64 {
+        self.network.effort()
+    }
+
     fn faults(&self, _: &Settings) -> Vec<Fault> {
         self.network.faults()
     }

@@ -35,6 +35,10 @@ impl FitModel for M2d {
         learn(&self.network, &beside, samples, settings, work)
     }
 
+    fn effort(&self) -> f64 {
+        self.network.effort()
+    }
+
     fn faults(&self, _: &Settings) -> Vec<Fault> {
         self.network.faults()
     }

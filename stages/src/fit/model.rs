@@ -129,6 +129,11 @@ pub trait FitModel: Send + Sync {
         false
     }
 
+    /// How much work a sample is, in any unit of its own: see `Stage::effort` of the crate `schemas`.
+    fn effort(&self) -> f64 {
+        1.0
+    }
+
     /// Columns that are explained together with the target.
     fn with_targets(&self) -> &[String] {
         &[]

@@ -38,6 +38,10 @@ model! {
 }
 
 impl FitModel for RandomFeatures {
+    fn effort(&self) -> f64 {
+        (self.random_features * self.random_features) as f64
+    }
+
     fn learn(&self, samples: &Samples, _: &Settings, work: &PointWork) -> Result<Learnt, Fault> {
         let lines: Vec<usize> = (0..samples.lines.len()).collect();
         let mut at = samples.places(self.inputs.as_ref()).map_err(|f| f.of_param("inputs"))?;

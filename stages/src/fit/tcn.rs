@@ -28,6 +28,10 @@ impl FitModel for Tcn {
         learn(&self.network, &beside, samples, settings, work)
     }
 
+    fn effort(&self) -> f64 {
+        self.network.effort() * self.window.effort()
+    }
+
     fn faults(&self, _: &Settings) -> Vec<Fault> {
         let mut faults = self.network.faults();
         faults.extend(self.window.faults(Memory::Tcn));

@@ -286,6 +286,11 @@ pub trait NavigationFilter: Any + Send + Sync {
         Ok(vec![])
     }
 
+    /// How much work a sample is, in any unit of its own: see `Stage::effort` of the crate `schemas`.
+    fn effort(&self) -> f64 {
+        1.0
+    }
+
     /// Whether it takes each magnetometer by itself; else it is handed their mean.
     fn each_magnetometer(&self) -> bool {
         false

@@ -52,6 +52,10 @@ filter! {
 }
 
 impl NavigationFilter for Mpf {
+    fn effort(&self) -> f64 {
+        self.particles as f64
+    }
+
     fn columns(&self, _: &Flight) -> Vec<Column> {
         let mut columns = vec![Column::float("n_eff", "1", "effective number of particles, before resampling")];
         if self.save_modes {

@@ -102,6 +102,12 @@ impl Network {
         }
     }
 
+    /// How much work a sample is: a pass over it for each unit of each epoch of each member.
+    pub fn effort(&self) -> f64 {
+        let units = self.hidden.as_ref().map_or(8, |layers| layers.iter().sum::<usize>());
+        ((self.epochs + self.lbfgs_epochs) * self.members * (units + 1)) as f64
+    }
+
     /// As the training takes them, with the seed of a member.
     pub fn training(&self, seed: u64) -> Training {
         let lasso = SparseGroupLasso { strength: self.group_lasso, alpha: self.group_share };

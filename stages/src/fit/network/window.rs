@@ -28,6 +28,11 @@ impl WindowKeys {
         Window { memory, window: self.window, units: self.units }
     }
 
+    /// How much more work a sample is for its window.
+    pub fn effort(&self) -> f64 {
+        (self.window * self.units) as f64
+    }
+
     /// What is wrong with the keys.
     pub fn faults(&self, memory: Memory) -> Vec<Fault> {
         let what = format!("convolutions see a power of two of samples, and not {}", self.window);

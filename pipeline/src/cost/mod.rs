@@ -1,0 +1,142 @@
+//! What a run costs, before it runs: rows, bytes, processor time and memory of each table that is to be computed.
+//!
+//! Runs measure their tables ([`Watch`]) and keep the figures in the store, where they are part of no key. An estimate adds up
+//! the amounts of work that a plan asks for ([`work`]) at the prices that fit these figures, and those that magline comes
+//! with, best ([`fit`]): a price for each unit, row and number that is read, by stage and by what the stage chooses by
+//! name. Processor time is that of a machine of speed 1, and is divided by the speed of the one at hand.
+
+mod fit;
+mod machine;
+mod observed;
+mod watch;
+mod work;
+
+use schemas::Fault;
+
+pub use observed::FOLDER;
+pub use watch::Watch;
+
+use crate::{plan::Graph, store::Store};
+use observed::Known;
+use work::Amounts;
+
+/// The cost of a table.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct TableCost {
+    /// Its name.
+    pub table: String,
+    /// Its stage.
+    pub stage: String,
+    /// Whether its results are kept; otherwise its work is that of the tables that need it.
+    pub kept: bool,
+    /// Units to compute.
+    pub units: usize,
+    /// Units that are in the store already.
+    pub there: usize,
+    /// Rows to make.
+    pub rows: f64,
+    /// Rows that are in the store already.
+    pub rows_there: usize,
+    /// Bytes to add to the store.
+    pub bytes: f64,
+    /// Processor time, s.
+    pub seconds: f64,
+    /// Time on the clock, s.
+    pub clock: f64,
+    /// Memory of the process at its highest, bytes; 0 where nothing is computed.
+    pub memory: f64,
+}
+
+/// The cost of a run.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Cost {
+    /// Its tables, in the order of the plan.
+    pub tables: Vec<TableCost>,
+    /// Processor time of everything else: keys, scores, publishing, s.
+    pub beside: f64,
+    /// Time of that on the clock, s.
+    pub beside_clock: f64,
+    /// The number of threads.
+    pub threads: usize,
+    /// The speed of this machine, that of the built-in figures being 1.
+    pub speed: f64,
+    /// Tables that runs in this store have measured.
+    pub measured: usize,
+}
+
+impl Cost {
+    /// Processor time, s.
+    pub fn seconds(&self) -> f64 {
+        self.tables.iter().map(|t| t.seconds).sum::<f64>() + self.beside
+    }
+
+    /// Time on the clock, s.
+    pub fn clock(&self) -> f64 {
+        self.tables.iter().map(|t| t.clock).sum::<f64>() + self.beside_clock
+    }
+
+    /// Bytes to add to the store.
+    pub fn bytes(&self) -> f64 {
+        self.tables.iter().map(|t| t.bytes).sum()
+    }
+
+    /// Rows to make.
+    pub fn rows(&self) -> f64 {
+        self.tables.iter().map(|t| t.rows).sum()
+    }
+
+    /// The highest memory, bytes.
+    pub fn memory(&self) -> f64 {
+        self.tables.iter().map(|t| t.memory).fold(0.0, f64::max)
+    }
+}
+
+/// Estimates a run of the plan of `graph` in `store` on so many threads. Reading the sources is not part of it: that is done
+/// when there is a graph. Of a search it is the trials that are known.
+///
+/// # Errors
+/// Fails for a table that has no files, since a column has types that no file holds.
+pub fn estimate(graph: &Graph, store: &Store, threads: usize) -> Result<Cost, Fault> {
+    let known = Known::new(store.root());
+    let threads = threads.max(1);
+    let (speed, sync_s) = (machine::speed(), machine::sync_s(&store.temporary()));
+    let amounts = Amounts::new(graph, store, &known.rows, threads);
+    let (mut tables, mut numbers) = (vec![], 0.0);
+    for (t, node) in graph.plan.tables.iter().enumerate() {
+        let asked = amounts.of(t)?;
+        let mut one = TableCost {
+            table: node.name.clone(),
+            stage: node.entry.name.to_owned(),
+            kept: node.keep,
+            units: asked.missing.len(),
+            there: asked.there,
+            rows_there: asked.rows_there,
+            ..TableCost::default()
+        };
+        if !asked.missing.is_empty() {
+            let work = &asked.work;
+            numbers += asked.rows * work.width;
+            one.rows = asked.rows;
+            one.bytes = known.bytes.total(&work.bytes(asked.rows));
+            one.seconds = known.seconds.total(&work.time(asked.rows)) / speed;
+            let at_once = threads.min(asked.tasks).max(1) as f64;
+            let files_at_once = at_once.min(work.packs).max(1.0);
+            one.clock = one.seconds / at_once + work.packs * SYNCS_A_FILE * sync_s / files_at_once;
+            one.memory = known.memory.total(&work.memory());
+        }
+        tables.push(one);
+    }
+    let (mut beside, mut beside_clock) = (0.0, 0.0);
+    if tables.iter().any(|t| t.units > 0) {
+        beside = (START_S + known.seconds.total(&watch::of_run(graph, numbers).time(0.0))) / speed;
+        beside_clock = beside + SYNCS_A_TABLE * tables.len() as f64 * sync_s;
+    }
+    Ok(Cost { tables, beside, beside_clock, threads, speed, measured: known.own })
+}
+
+/// What the program takes to start and to read its plan, s, of a machine of speed 1: before anything is measured.
+const START_S: f64 = 0.03;
+/// A file is brought to the disk, and then its name.
+const SYNCS_A_FILE: f64 = 2.0;
+/// The folders of a published table, and its list of units.
+const SYNCS_A_TABLE: f64 = 4.0;

@@ -1,0 +1,311 @@
+//! What was measured: a record of each table that a run computed, kept in the store, beside those that magline comes with.
+
+use std::{
+    collections::BTreeMap,
+    fs,
+    path::{Path, PathBuf},
+};
+
+use serde::{Deserialize, Serialize};
+
+use super::fit::{Prices, Sample};
+use crate::{keys::Key, store::Store};
+
+/// The folder of a store that holds them.
+pub const FOLDER: &str = "costs";
+/// Records of a pipeline that are kept, the newest.
+const KEPT: usize = 200;
+/// How much a record that magline comes with counts beside one of this store.
+const BUILT_IN: f64 = 0.3;
+
+/// The records of the examples, on the machine whose speed is 1: `pipeline/benches/costs.py` measures them.
+const MEASURED: &str = include_str!("measured.json");
+
+/// The work of some units of one kind: a stage, and what it chooses by name, such as the filter.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Part {
+    /// Units.
+    pub units: f64,
+    /// Rows of the lines of each unit, times the effort that the stage says a row is at its parameters.
+    pub samples: f64,
+    /// Numbers that are read; the points of a sweep share them.
+    pub values: f64,
+    /// Rows times the square of the numbers of each, for stages of a survey; shared as well.
+    pub squares: f64,
+}
+
+/// The work of a table.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Work {
+    /// Its stage.
+    pub stage: String,
+    /// By kind.
+    pub parts: BTreeMap<String, Part>,
+    /// Units.
+    pub units: f64,
+    /// Rows that reach these units.
+    pub rows_in: f64,
+    /// Numbers of a row that reaches them, summed over the units.
+    pub reads: f64,
+    /// Files that they are written into.
+    pub packs: f64,
+    /// Numbers of a row that is written.
+    pub width: f64,
+    /// Bytes of what is in memory at once: the largest files of all threads.
+    pub held: f64,
+}
+
+/// A table that was computed.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Observation {
+    /// Its work.
+    pub work: Work,
+    /// Rows that came of it.
+    pub rows: f64,
+    /// Bytes of its files, where all of them are new.
+    pub bytes: Option<f64>,
+    /// Processor time, s, of a machine whose speed is 1.
+    pub seconds: f64,
+    /// The highest memory of the process meanwhile, bytes, where the system tells.
+    pub memory: Option<f64>,
+}
+
+/// The name of the work of a run that no table has.
+pub const RUN: &str = "(run)";
+
+impl Work {
+    /// The work that takes time, `rows` of it written.
+    pub fn time(&self, rows: f64) -> Vec<(String, f64)> {
+        let mut found = vec![];
+        for (kind, part) in &self.parts {
+            let of = [("unit", part.units), ("sample", part.samples), ("value", part.values), ("square", part.squares)];
+            found.extend(of.map(|(what, amount)| (format!("{kind}/{what}"), amount)));
+        }
+        found.push(("write/pack".to_owned(), self.packs));
+        found.push(("write/number".to_owned(), rows * self.width));
+        found
+    }
+
+    /// What the number of rows follows from.
+    pub fn rows(&self) -> Vec<(String, f64)> {
+        let of = [("unit", self.units), ("read", self.reads), ("row", self.rows_in)];
+        of.map(|(what, amount)| (format!("{}/{what}", self.stage), amount)).to_vec()
+    }
+
+    /// What the bytes of its files follow from.
+    pub fn bytes(&self, rows: f64) -> Vec<(String, f64)> {
+        let of = [("pack", self.packs), ("unit", self.units), ("number", rows * self.width)];
+        of.map(|(what, amount)| (format!("{}/{what}", self.stage), amount)).to_vec()
+    }
+
+    /// What the memory follows from.
+    pub fn memory(&self) -> Vec<(String, f64)> {
+        let mut found = vec![("program".to_owned(), 1.0), ("held".to_owned(), self.held)];
+        let gathered = |part: &&Part| part.squares > 0.0;
+        let kinds = self.parts.iter().filter(|(_, part)| gathered(part));
+        found.extend(kinds.map(|(kind, part)| (format!("{kind}/gathered"), part.values)));
+        found
+    }
+}
+
+fn last(name: &str) -> &str {
+    name.rsplit('/').next().unwrap_or_default()
+}
+
+/// Seconds, before anything is known.
+pub fn usual_seconds(name: &str) -> f64 {
+    match last(name) {
+        "unit" => 1e-4,
+        "pack" => 1e-3,
+        "sample" => 3e-7,
+        "value" => 2e-8,
+        "number" => 5e-8,
+        "square" => 1e-9,
+        _ => 1e-4,
+    }
+}
+
+/// Rows, before anything is known.
+pub fn usual_rows(name: &str) -> f64 {
+    match last(name) {
+        "row" => 0.1,
+        "read" => 0.5,
+        _ => 5.0,
+    }
+}
+
+/// Bytes, before anything is known.
+pub fn usual_bytes(name: &str) -> f64 {
+    match last(name) {
+        "pack" => 5000.0,
+        "number" => 8.0,
+        _ => 100.0,
+    }
+}
+
+/// Memory, before anything is known.
+pub fn usual_memory(name: &str) -> f64 {
+    match last(name) {
+        "program" => 60e6,
+        "held" => 3.0,
+        _ => 8.0,
+    }
+}
+
+/// What work costs by all records.
+pub struct Known {
+    /// Processor time, s, of a machine whose speed is 1.
+    pub seconds: Prices,
+    /// Rows.
+    pub rows: Prices,
+    /// Bytes.
+    pub bytes: Prices,
+    /// Memory, bytes.
+    pub memory: Prices,
+    /// Records of this store.
+    pub own: usize,
+}
+
+impl Known {
+    /// By what magline comes with and what the store at `root` has measured.
+    pub fn new(root: &Path) -> Known {
+        let own = of_store(root);
+        let all = || own.iter().map(|o| (o, 1.0)).chain(built_in_ref().map(|o| (o, BUILT_IN)));
+        let sample =
+            |amounts, total: f64, floor: f64, counts: f64| Sample { amounts, total, weight: counts / (total + floor) };
+        // By the root, so that neither the long tables nor the many short ones have all the say.
+        let time = |(o, w): (&Observation, f64)| {
+            let (amounts, weight) = (o.work.time(o.rows), w / (o.seconds + 0.005).sqrt());
+            Sample { amounts, total: o.seconds, weight }
+        };
+        let seconds: Vec<Sample> = all().map(time).collect();
+        let rows: Vec<Sample> = all().map(|(o, w)| sample(o.work.rows(), o.rows, 1.0, w)).collect();
+        let bytes = |(o, w): (&Observation, f64)| Some(sample(o.work.bytes(o.rows), o.bytes?, 1000.0, w));
+        let bytes: Vec<Sample> = all().filter_map(bytes).collect();
+        let memory = |(o, w): (&Observation, f64)| Some(sample(o.work.memory(), o.memory?, 1e7, w));
+        let memory: Vec<Sample> = all().filter_map(memory).collect();
+        Known {
+            seconds: Prices::of(&seconds, usual_seconds),
+            rows: Prices::of(&rows, usual_rows),
+            bytes: Prices::of(&bytes, usual_bytes),
+            memory: Prices::of(&memory, usual_memory),
+            own: own.len(),
+        }
+    }
+}
+
+fn built_in_ref() -> impl Iterator<Item = &'static Observation> {
+    static ALL: std::sync::OnceLock<Vec<Observation>> = std::sync::OnceLock::new();
+    ALL.get_or_init(built_in).iter()
+}
+
+/// The records that magline comes with.
+fn built_in() -> Vec<Observation> {
+    serde_json::from_str::<Vec<Observation>>(MEASURED).unwrap_or_default().into_iter().filter(is_sound).collect()
+}
+
+fn path(root: &Path, pipeline: &str) -> PathBuf {
+    root.join(FOLDER).join(format!("{pipeline}.json"))
+}
+
+/// The text of a file: a checksum of the second line, then the records.
+fn spelt(records: &[Observation]) -> Option<String> {
+    let text = serde_json::to_string(records).ok()?;
+    Some(format!("{}\n{text}\n", Key::of([&text])))
+}
+
+/// The records in a file; none where it is not there or damaged: they are only a guide.
+fn read(path: &Path) -> Vec<Observation> {
+    let text = fs::read_to_string(path).unwrap_or_default();
+    let mut lines = text.lines();
+    let (sum, records) = (lines.next().unwrap_or_default(), lines.next().unwrap_or_default());
+    let records = Some(records).filter(|r| Key::of([r]).to_string() == sum);
+    let records = records.and_then(|r| serde_json::from_str::<Vec<Observation>>(r).ok());
+    records.unwrap_or_default().into_iter().filter(is_sound).collect()
+}
+
+/// Whether all numbers can be computed with.
+fn is_sound(o: &Observation) -> bool {
+    let Work { parts, units, rows_in, reads, packs, width, held, .. } = &o.work;
+    let parts = parts.values().flat_map(|p| [p.units, p.samples, p.values, p.squares]);
+    let rest = [*units, *rows_in, *reads, *packs, *width, *held, o.rows, o.seconds];
+    parts.chain(rest).chain(o.bytes).chain(o.memory).all(|x| x.is_finite() && (0.0..1e18).contains(&x))
+}
+
+/// The records of all pipelines of the store at `root`.
+pub fn of_store(root: &Path) -> Vec<Observation> {
+    let entries = fs::read_dir(root.join(FOLDER)).into_iter().flatten().flatten();
+    let mut paths: Vec<PathBuf> =
+        entries.map(|e| e.path()).filter(|p| p.extension().is_some_and(|x| x == "json")).collect();
+    paths.sort();
+    paths.iter().flat_map(|p| read(p)).collect()
+}
+
+/// Adds what a run of `pipeline`, which holds the lock of the pipeline, has measured. The same work replaces what was known
+/// of it. What cannot be written is lost: it is only a guide, and the disk's fault shows when results are written.
+pub fn keep(store: &Store, pipeline: &str, new: Vec<Observation>) {
+    if new.is_empty() {
+        return;
+    }
+    let path = path(store.root(), pipeline);
+    let mut records = read(&path);
+    for one in new.into_iter().filter(is_sound) {
+        records.retain(|r| r.work.stage != one.work.stage || r.work.parts != one.work.parts);
+        records.push(one);
+    }
+    let records = records.split_off(records.len().saturating_sub(KEPT));
+    if let Some(text) = spelt(&records) {
+        let _ = store.write(&path, text.as_bytes());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+
+    fn one(stage: &str, units: f64, seconds: f64) -> Observation {
+        let part = Part { units, samples: 100.0 * units, values: 1e3, squares: 0.0 };
+        let parts = [(stage.to_owned(), part)].into();
+        let work = Work { stage: stage.to_owned(), parts, units, packs: 1.0, width: 2.0, ..Work::default() };
+        Observation { work, rows: 100.0 * units, bytes: Some(1e4), seconds, memory: None }
+    }
+
+    #[test]
+    fn unit_records_come_back_and_a_damaged_file_is_left_out() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::open(folder.path()).unwrap();
+        keep(&store, "a", vec![one("x", 1.0, 0.1), one("y", 2.0, 0.2)]);
+        keep(&store, "b", vec![one("x", 9.0, 0.9)]);
+        keep(&store, "a", vec![one("x", 1.0, 0.3)]);
+        assert_eq!(of_store(folder.path()), [one("y", 2.0, 0.2), one("x", 1.0, 0.3), one("x", 9.0, 0.9)]);
+        let path = path(folder.path(), "a");
+        let text = fs::read_to_string(&path).unwrap();
+        fs::write(&path, text.replace("0.3", "0.4")).unwrap();
+        assert_eq!(of_store(folder.path()), [one("x", 9.0, 0.9)]);
+        fs::write(&path, &text[..text.len() / 2]).unwrap();
+        assert_eq!(of_store(folder.path()), [one("x", 9.0, 0.9)]);
+        // The next run begins anew.
+        keep(&store, "a", vec![one("x", 5.0, 0.5)]);
+        assert_eq!(of_store(folder.path()).len(), 2);
+    }
+
+    #[test]
+    fn unit_a_pipeline_keeps_its_newest_records() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::open(folder.path()).unwrap();
+        keep(&store, "a", (0..300).map(|i| one("x", f64::from(i), 0.1)).collect());
+        let kept = of_store(folder.path());
+        assert_eq!((kept.len(), kept[0].work.units, kept[199].work.units), (KEPT, 100.0, 299.0));
+        keep(&store, "a", vec![one("x", f64::NAN, 0.1), one("x", -1.0, 0.1)]);
+        assert_eq!(of_store(folder.path()), kept);
+    }
+
+    #[test]
+    fn unit_what_magline_comes_with_can_be_read() {
+        let listed: Vec<serde_json::Value> = serde_json::from_str(MEASURED).unwrap();
+        assert_eq!(built_in().len(), listed.len());
+        assert!(built_in().iter().any(|o| o.work.stage == "navigate"), "measure with pipeline/benches/costs.py");
+    }
+}

@@ -1,0 +1,368 @@
+//! The work that the tables of a plan ask for: what is missing of each, and its amounts.
+
+use std::{
+    cell::RefCell,
+    collections::{BTreeMap, HashMap, HashSet},
+};
+
+use arrow_array::{cast::AsArray, types::Float64Type};
+use arrow_schema::DataType;
+use schemas::{ColumnType, Fault, Grain, InputKind, Passes, TableKind};
+
+use super::{
+    fit::Prices,
+    observed::{Part, Work},
+};
+use crate::{
+    keys::Key,
+    plan::{Graph, Instance, LineId, Ref, Unit},
+    run::{Cut, Layout},
+    store::{Place, Store, row_bytes},
+};
+
+/// Points of one line that are computed together.
+const TOGETHER: usize = 8;
+/// Lines that are looked at for the rate of a table of flights.
+const LOOKED_AT: usize = 16;
+
+/// A table, and what is missing of it.
+#[derive(Clone, Debug, Default)]
+pub struct Asked {
+    /// Its units.
+    pub units: usize,
+    /// Those that are in the store already, have failed for good, or repeat another.
+    pub there: usize,
+    /// Rows that are in the store already.
+    pub rows_there: usize,
+    /// The work that is left.
+    pub work: Work,
+    /// Rows that it makes.
+    pub rows: f64,
+    /// Into how many parts that may run at once it can be divided.
+    pub tasks: usize,
+    /// The units to compute, each key once.
+    pub missing: Vec<Unit>,
+}
+
+/// The properties of a point that its work follows from.
+#[derive(Clone)]
+struct Point {
+    kind: String,
+    effort: f64,
+    /// Numbers of a row that it reads.
+    width: f64,
+}
+
+/// Finds the work of tables.
+pub struct Amounts<'a> {
+    graph: &'a Graph<'a>,
+    store: &'a Store,
+    rows: &'a Prices,
+    threads: usize,
+    /// Samples per second of each table of flights, once they were looked at.
+    rates: RefCell<HashMap<usize, Option<f64>>>,
+}
+
+impl<'a> Amounts<'a> {
+    /// Of the tables of `graph` on so many `threads`; rows that no plan gives by the prices `rows`.
+    pub fn new(graph: &'a Graph<'a>, store: &'a Store, rows: &'a Prices, threads: usize) -> Amounts<'a> {
+        Amounts { graph, store, rows, threads, rates: RefCell::default() }
+    }
+
+    /// What is missing of the table `t`.
+    ///
+    /// # Errors
+    /// Fails for a table that has no files, since a column has types that no file holds.
+    pub fn of(&self, t: usize) -> Result<Asked, Fault> {
+        let node = &self.graph.plan.tables[t];
+        let mut asked = Asked::default();
+        if !node.keep {
+            return Ok(asked);
+        }
+        let mut first: HashSet<Key> = HashSet::new();
+        for unit in self.graph.units(t) {
+            asked.units += 1;
+            // What cannot be computed has no key.
+            let Ok(key) = self.graph.key(unit) else { continue };
+            match self.store.find(key) {
+                Some(Place { rows, .. }) => {
+                    asked.there += 1;
+                    asked.rows_there += rows.unwrap_or(0);
+                }
+                None if first.insert(key) => asked.missing.push(unit),
+                None => asked.there += 1,
+            }
+        }
+        if !asked.missing.is_empty() {
+            self.measure(t, &mut asked)?;
+        }
+        Ok(asked)
+    }
+
+    fn measure(&self, t: usize, asked: &mut Asked) -> Result<(), Fault> {
+        let node = &self.graph.plan.tables[t];
+        let cut = Cut::new(self.graph, t)?;
+        let layout = Layout::new(self.graph, t, &cut);
+        let wanted: HashSet<Unit> = asked.missing.iter().copied().collect();
+        let written =
+            |range: &&std::ops::Range<usize>| layout.units[(*range).clone()].iter().any(|u| wanted.contains(u));
+        let chunks: Vec<f64> = layout
+            .chunks
+            .iter()
+            .filter(written)
+            .map(|range| {
+                let units = layout.units[range.clone()].iter().filter(|u| wanted.contains(u));
+                units.map(|u| self.bytes(*u, row_bytes(&cut.schema))).sum()
+            })
+            .collect();
+        let mut largest = chunks.clone();
+        largest.sort_by(|a, b| b.total_cmp(a));
+        let mut work = Work {
+            stage: node.entry.name.to_owned(),
+            packs: chunks.len() as f64,
+            held: largest.iter().take(self.threads).sum(),
+            ..Work::default()
+        };
+        let mut points: HashMap<(Key, usize), Point> = HashMap::new();
+        // Rows of the line or the set of lines, by kind: read once for all points.
+        let mut shared: HashMap<(String, Option<LineId>, u32), (f64, f64)> = HashMap::new();
+        let mut unkept: HashSet<Unit> = HashSet::new();
+        let mut numbers = 0.0;
+        for unit in &asked.missing {
+            let it = self.graph.plan.instance(unit.table, unit.instance);
+            let point = points.entry((it.question(), node.variant(unit.instance))).or_insert_with(|| self.point(&it));
+            let rows = self.rows_of_inputs(*unit, &it);
+            let part = work.parts.entry(point.kind.clone()).or_default();
+            part.units += 1.0;
+            part.samples += rows * point.effort;
+            let set = if node.entry.grain == Grain::Survey { self.graph.line_set(t, unit.instance) } else { 0 };
+            let known = shared.entry((point.kind.clone(), unit.line, set)).or_insert((rows, 0.0));
+            known.1 = known.1.max(point.width);
+            work.units += 1.0;
+            work.rows_in += rows;
+            work.reads += point.width;
+            let made = self.rows_of(*unit, &it, rows, point.width);
+            asked.rows += made;
+            numbers += made * width(&it, node.axes.len(), &cut);
+            self.unkept(*unit, &it, &mut unkept);
+        }
+        work.width = if asked.rows > 0.0 { numbers / asked.rows } else { 0.0 };
+        for ((kind, ..), (rows, width)) in &shared {
+            let part = work.parts.entry(kind.clone()).or_default();
+            part.values += rows * width;
+            part.squares += if node.entry.grain == Grain::Survey { rows * width * width } else { 0.0 };
+        }
+        self.made_again(&unkept, &mut work.parts);
+        asked.tasks = match node.entry.grain {
+            Grain::Line => {
+                let mut of_line: HashMap<Option<LineId>, usize> = HashMap::new();
+                asked.missing.iter().for_each(|u| *of_line.entry(u.line).or_default() += 1);
+                of_line.values().map(|points| points.div_ceil(TOGETHER)).sum()
+            }
+            Grain::Survey => {
+                let lines: HashSet<LineId> =
+                    asked.missing.iter().flat_map(|u| self.graph.lines_of(t, u.instance).iter().copied()).collect();
+                lines.len()
+            }
+            Grain::Map => asked.missing.len(),
+        };
+        asked.work = work;
+        Ok(())
+    }
+
+    /// What a point of a table asks of each row.
+    fn point(&self, it: &Instance) -> Point {
+        let entry = &it.node.entry;
+        let (mut kind, mut effort) = (entry.name.to_owned(), 1.0);
+        if let Ok(stage) = it.stage() {
+            effort = stage.effort();
+            if let Some(key) = entry.kinds.first().map(|k| k.key)
+                && let Some((_, chosen)) = stage.canonical().into_iter().find(|(name, _)| *name == key)
+            {
+                // It is spelt in quotes, with its version behind it.
+                kind = format!("{kind} {}", chosen.split('"').nth(1).unwrap_or(&chosen));
+            }
+        }
+        let inputs = it.inputs();
+        let of = |(r, reads): (&Ref, &Vec<String>)| reads.iter().map(|c| self.numbers(*r, c)).sum::<f64>();
+        let width = inputs.iter().zip(&it.yields.reads).map(of);
+        Point { kind, effort: if effort.is_finite() { effort.max(0.0) } else { 1.0 }, width: width.sum() }
+    }
+
+    /// Numbers of a row in the column `name` of `r`.
+    fn numbers(&self, r: Ref, name: &str) -> f64 {
+        let plan = self.graph.plan;
+        let found = match r {
+            Ref::Flights(i) => plan.flights[i].shape.get(name),
+            Ref::Stage(t, i) => plan.instance(t, i).variant.table.shape().get(name),
+            Ref::Map(_) => None,
+        };
+        found.map_or(1.0, |c| numbers(&c.column_type))
+    }
+
+    /// The bytes of a unit in memory.
+    fn bytes(&self, unit: Unit, of_row: usize) -> f64 {
+        let it = self.graph.plan.instance(unit.table, unit.instance);
+        self.rows_of(unit, &it, self.rows_of_inputs(unit, &it), 1.0) * of_row as f64
+    }
+
+    /// Rows that reach a unit: of its line, of all its lines, or of its maps.
+    fn rows_of_inputs(&self, unit: Unit, it: &Instance) -> f64 {
+        match (it.node.entry.grain, unit.line) {
+            (Grain::Map, _) => it.inputs().iter().map(|r| self.rows_of_map(*r)).sum(),
+            (_, Some(line)) => self.rows_of_line(it, line),
+            (_, None) => {
+                let lines = self.graph.lines_of(unit.table, unit.instance);
+                lines.iter().map(|line| self.rows_of_line(it, *line)).sum()
+            }
+        }
+    }
+
+    /// Rows of a line in the first input of lines, which the others are brought to.
+    fn rows_of_line(&self, it: &Instance, line: LineId) -> f64 {
+        let first = it.node.inputs(it.index).find(|(kind, _)| kind.is_by_line());
+        first.map_or(0.0, |(_, r)| self.rows_in(r, line))
+    }
+
+    fn rows_in(&self, r: Ref, line: LineId) -> f64 {
+        let Ref::Stage(table, instance) = r else {
+            let Ref::Flights(i) = r else { return 0.0 };
+            return self.graph.records[i].get(&line).map_or(0.0, |l| l.rows as f64);
+        };
+        let it = self.graph.plan.instance(table, instance);
+        let unit = Unit { table, instance, line: Some(line) };
+        self.rows_of(unit, &it, self.rows_of_line(&it, line), 0.0)
+    }
+
+    /// Rows that a unit makes of `rows`, each with `reads` numbers.
+    fn rows_of(&self, unit: Unit, it: &Instance, rows: f64, reads: f64) -> f64 {
+        if it.node.entry.grain == Grain::Line && it.yields.passes != Passes::None {
+            return rows;
+        }
+        if let Some(Place { rows: Some(rows), .. }) = self.graph.key(unit).ok().and_then(|key| self.store.find(key)) {
+            return rows as f64;
+        }
+        let by_rate = || {
+            let rate_hz = it.yields.rate_hz.filter(|_| it.node.entry.yields == TableKind::Lines)?;
+            let (_, first) = it.node.inputs(it.index).find(|(kind, _)| kind.is_by_line())?;
+            Some(rows * rate_hz / self.rate(first)?)
+        };
+        by_rate().unwrap_or_else(|| {
+            let work =
+                Work { stage: it.node.entry.name.to_owned(), units: 1.0, rows_in: rows, reads, ..Work::default() };
+            self.rows.total(&work.rows())
+        })
+    }
+
+    fn rows_of_map(&self, r: Ref) -> f64 {
+        let there = self.graph.whole(r).ok().and_then(|key| self.store.find(key)).and_then(|place| place.rows);
+        match (there, r) {
+            (Some(rows), _) => rows as f64,
+            (None, Ref::Stage(table, instance)) => {
+                let it = self.graph.plan.instance(table, instance);
+                let unit = Unit { table, instance, line: None };
+                self.rows_of(unit, &it, self.rows_of_inputs(unit, &it), 0.0)
+            }
+            (None, Ref::Map(_) | Ref::Flights(_)) => 0.0,
+        }
+    }
+
+    /// Samples per second of a table of lines: what a stage made of it, or what the flights below it have.
+    fn rate(&self, r: Ref) -> Option<f64> {
+        match r {
+            Ref::Map(_) => None,
+            Ref::Flights(i) => {
+                if let Some(known) = self.rates.borrow().get(&i) {
+                    return *known;
+                }
+                let found = self.rate_of_flights(i);
+                self.rates.borrow_mut().insert(i, found);
+                found
+            }
+            Ref::Stage(t, i) => {
+                let it = self.graph.plan.instance(t, i);
+                let below = || self.rate(it.node.inputs(i).find(|(kind, _)| kind.is_by_line())?.1);
+                it.yields.rate_hz.or_else(below)
+            }
+        }
+    }
+
+    /// The median over some lines.
+    fn rate_of_flights(&self, i: usize) -> Option<f64> {
+        let records = self.graph.records.get(i)?;
+        let step = (records.len() / LOOKED_AT).max(1);
+        let usable = records.values().filter(|l| l.rows > 1 && l.fault.is_none()).step_by(step).take(LOOKED_AT);
+        let mut rates: Vec<f64> = usable
+            .filter_map(|line| {
+                let batch = self.store.get(line.object, &["tt"]).ok()?;
+                let tt = batch.column_by_name("tt")?.as_primitive_opt::<Float64Type>()?.clone();
+                let span_s = tt.value(tt.len().checked_sub(1)?) - tt.value(0);
+                Some((tt.len() - 1) as f64 / span_s).filter(|rate| rate.is_finite() && *rate > 0.0)
+            })
+            .collect();
+        rates.sort_by(f64::total_cmp);
+        rates.get(rates.len() / 2).copied()
+    }
+
+    /// The units of tables that are not kept which `unit` is made from, and which are made again for it.
+    fn unkept(&self, unit: Unit, it: &Instance, found: &mut HashSet<Unit>) {
+        if self.graph.plan.tables.iter().all(|node| node.keep) {
+            return;
+        }
+        let lines: Vec<LineId> = match unit.line {
+            Some(line) => vec![line],
+            None => self.graph.lines_of(unit.table, unit.instance).to_vec(),
+        };
+        for ((kind, r), reads) in it.node.inputs(it.index).zip(&it.variant.yields.reads) {
+            if !matches!(kind, InputKind::Lines | InputKind::ManyLines) {
+                continue;
+            }
+            for made_by in reads.iter().map(|name| self.graph.origin(r, name).made_by) {
+                let Ref::Stage(table, instance) = made_by else { continue };
+                if self.graph.plan.tables[table].keep {
+                    continue;
+                }
+                for line in &lines {
+                    let above = Unit { table, instance, line: Some(*line) };
+                    if found.insert(above) {
+                        self.unkept(above, &self.graph.plan.instance(table, instance), found);
+                    }
+                }
+            }
+        }
+    }
+
+    fn made_again(&self, units: &HashSet<Unit>, parts: &mut BTreeMap<String, Part>) {
+        let mut points: HashMap<(usize, usize), Point> = HashMap::new();
+        for unit in units {
+            let it = self.graph.plan.instance(unit.table, unit.instance);
+            let point = points.entry((unit.table, unit.instance)).or_insert_with(|| self.point(&it));
+            let rows = self.rows_of_inputs(*unit, &it);
+            let part = parts.entry(point.kind.clone()).or_default();
+            part.units += 1.0;
+            part.samples += rows * point.effort;
+            part.values += rows * point.width;
+        }
+    }
+}
+
+/// Numbers of a row that a unit writes; what is the same in all its rows takes no room.
+fn width(it: &Instance, axes: usize, cut: &Cut) -> f64 {
+    let made: f64 = it.yields.columns.iter().map(|c| numbers(&c.column_type)).sum();
+    let passed = cut.schema.fields().iter().skip(axes).filter(|f| it.makes(f.name()).is_none());
+    let passed = passed.map(|f| match f.data_type() {
+        DataType::FixedSizeList(_, n) => f64::from(*n),
+        DataType::Utf8 | DataType::Boolean => 0.0,
+        _ => 1.0,
+    });
+    made + passed.sum::<f64>()
+}
+
+fn numbers(kind: &ColumnType) -> f64 {
+    match kind {
+        ColumnType::Float => 1.0,
+        ColumnType::List(names) => names.len() as f64,
+        ColumnType::Text => 0.5,
+        ColumnType::Other(_) => 1.0,
+    }
+}
