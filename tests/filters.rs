@@ -283,7 +283,7 @@ fn law_a_difference_of_magnetometers_navigates_through_a_storm() {
         let (mean, error) = nees[filter];
         let cautious = filter == "ukf" && mean < 2.0;
         assert!(cautious || (mean - 2.0).abs() < 4.0 * error, "{filter}: NEES {mean} ± {error}");
-        assert!((nis[filter].0 - 1.0).abs() < 0.03, "{filter}: NIS {:?}", nis[filter]);
+        assert!((nis[filter].0 - 1.0).abs() < 0.05, "{filter}: NIS {:?}", nis[filter]);
     }
 }
 

@@ -21,7 +21,8 @@ params! {
     /// map's slope along the line between them. Free of the temporal variation, and of all else that they have in common.
     /// Needs `map_interpolation = "cubic"`: the slope of a bilinear map has steps.
     gradient: Option<[String; 2]>, unit "nT", absent "no difference is measured";
-    /// From the second of `gradient` to the first, along nose, right and down.
+    /// From the second of `gradient` to the first, along nose, right and down. It is turned by the INS' own attitude: an INS
+    /// without a good heading needs a larger `gradient_sigma_nt`.
     gradient_baseline_m: Option<[f64; 3]>, unit "m", absent "it has to be said with `gradient`", rule Rule::Finite;
     /// One sigma of the white noise of the difference.
     gradient_sigma_nt: f64, unit "nT", default 0.1, rule Rule::Positive;
