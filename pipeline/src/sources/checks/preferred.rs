@@ -38,7 +38,7 @@ const SHARE: f64 = 0.05;
 /// The evenly spaced values that a column prefers; `None` where there are none. `values` are finite.
 pub fn preferred(values: &[f64]) -> Option<Preferred> {
     let (low, high) = values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| (a.min(*x), b.max(*x)));
-    if !(high > low) {
+    if high <= low {
         return None;
     }
     let sizes = BINS.map(|bits| 1_usize << bits).filter(|bins| values.len() as f64 >= LEAST_A_BIN * *bins as f64);

@@ -13,9 +13,9 @@ const LIMITS_DPS: (f64, f64) = (0.3, 3.0);
 const LEAST_DEG: f64 = 20.0;
 /// A slower moment within a turn, s.
 const LULL_S: f64 = 3.0;
-/// What is shorter belongs to the turns around it, s; where no leg is long, this part of the longest, so that the sides of a small
-/// square are legs in every lap or in none.
-const LEG_S: f64 = 5.0;
+/// What is shorter belongs to the turns around it, s: the second, or where no leg is long this part of the longest, so that the
+/// sides of a small square are legs in every lap or in none; never less than the first, which rates of turn blur.
+const LEG_S: (f64, f64) = (3.6, 5.0);
 const LEG_OF_SHORT: f64 = 0.35;
 /// The course of a leg is within this of its mean, degrees, but for a tenth of its samples.
 const STRAIGHT_DEG: f64 = 15.0;
@@ -91,7 +91,7 @@ impl Parts {
         let stretches: Vec<Vec<Range<usize>>> =
             motion.runs.iter().zip(&turning).map(|(run, turning)| straight(motion, run, turning)).collect();
         let longest = stretches.iter().flatten().map(ExactSizeIterator::len).max().unwrap_or(0) as f64;
-        let least = (LEG_S * RATE_HZ).min(LEG_OF_SHORT * longest);
+        let least = (LEG_OF_SHORT * longest).clamp(LEG_S.0 * RATE_HZ, LEG_S.1 * RATE_HZ);
         for (number, (run, straight)) in motion.runs.iter().zip(stretches).enumerate() {
             found.parts[run.clone()].fill(Part::Turn);
             for rows in straight.into_iter().filter(|rows| rows.len() as f64 >= least) {
