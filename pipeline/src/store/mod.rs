@@ -68,7 +68,7 @@ pub use version::{Beside, Manifest, ManifestTable, TableFiles, Version, current,
 const LAYOUT: &str = "magline store 3\n";
 
 /// The folders of a store.
-const PARTS: [&str; 12] = [
+const PARTS: [&str; 13] = [
     "objects",
     "sources",
     "quality",
