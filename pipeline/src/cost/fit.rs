@@ -23,6 +23,15 @@ pub struct Prices {
 /// Passes over all samples.
 const PASSES: usize = 3000;
 
+/// What one price multiplies.
+struct Column<'a> {
+    name: &'a str,
+    /// Of each sample that has some of it, weighted.
+    rows: Vec<(usize, f64)>,
+    /// In parts of the usual one.
+    price: f64,
+}
+
 impl Prices {
     /// The prices, all of them `usual`.
     pub fn usual(usual: fn(&str) -> f64) -> Prices {
@@ -41,21 +50,21 @@ impl Prices {
         }
         let wanted: Vec<f64> = samples.iter().map(|s| s.weight * s.total).collect();
         let times_rows = |rows: &[(usize, f64)], y: &[f64]| rows.iter().map(|(row, x)| x * y[*row]).sum::<f64>();
-        let mut columns: Vec<(&str, Vec<(usize, f64)>, f64)> =
-            columns.into_iter().map(|(name, rows)| (name, rows, 1.0)).collect();
+        let mut columns: Vec<Column> =
+            columns.into_iter().map(|(name, rows)| Column { name, rows, price: 1.0 }).collect();
         for _ in 0..PASSES {
             let mut given = vec![0.0; samples.len()];
-            for (_, rows, price) in &columns {
+            for Column { rows, price, .. } in &columns {
                 rows.iter().for_each(|(row, x)| given[*row] += price * x);
             }
-            for (_, rows, price) in &mut columns {
+            for Column { rows, price, .. } in &mut columns {
                 let gives = times_rows(rows, &given);
                 if gives > 0.0 {
                     *price *= times_rows(rows, &wanted) / gives;
                 }
             }
         }
-        let found = columns.into_iter().map(|(name, _, price)| (name.to_owned(), price * usual(name))).collect();
+        let found = columns.into_iter().map(|c| (c.name.to_owned(), c.price * usual(c.name))).collect();
         Prices { found, usual }
     }
 

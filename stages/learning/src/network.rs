@@ -24,8 +24,9 @@
 //! Products of 256 rows with the weights of a layer, written with the vectors of AVX2 where the processor has them. For 77 inputs
 //! and 8 units, 400,000 rows forwards and backwards take 19 ms of a processor; faer's matrix product took 12 ms on the same
 //! machine, with vectors twice as wide, which is a tenth of an epoch. Ours sums in one order and by fused multiply-add on every
-//! machine, so that the bits of a model do not depend on the processor that trained it. PyTorch takes 3.5 times
-//! as long an epoch of `m1` in single precision, and 3.9 times in double, on two cores (`stages/learning/benches`). Other frameworks were not measured.
+//! machine, so that the bits of a model do not depend on the processor that trained it. PyTorch takes 3.5 times as long an
+//! epoch of `m1` in single precision, and 3.9 times in double, on two cores (`stages/learning/benches`). Other frameworks were
+//! not measured.
 //!
 //! Batches are cut into blocks of 256 rows, whose gradients are added in their order, on any number of threads.
 //!

@@ -296,6 +296,9 @@ pub fn boost(
     boost_on(vec![], x, width, y, how, validation, &mut |trees, train, ahead| each(trees.len(), train, ahead))
 }
 
+/// What is told after each tree: all trees so far, the loss of the training and that of the validation.
+pub type EachTree<'a> = dyn FnMut(&[Tree], f64, f64) -> ControlFlow<()> + 'a;
+
 /// [`boost`] that goes on from the first trees of a training that was broken off, with the same rows and settings: it ends with
 /// the same bits as one that was not. `each` is handed all trees so far.
 ///
@@ -308,7 +311,7 @@ pub fn boost_on(
     y: &[f64],
     how: &Boosting,
     validation: Option<(&[f64], &[f64])>,
-    each: &mut dyn FnMut(&[Tree], f64, f64) -> ControlFlow<()>,
+    each: &mut EachTree<'_>,
 ) -> Result<Boosted, BoostingError> {
     let begun = Forest { base: 0.0, trees: begun };
     begun.check(width)?;
