@@ -1,8 +1,8 @@
 //! What a run costs, before it runs: rows, bytes, processor time and memory of each table that is to be computed.
 //!
 //! Runs measure their tables ([`Watch`]) and keep the figures in the store, where they are part of no key. An estimate adds up
-//! the amounts of work that a plan asks for ([`work`]) at the prices that fit these figures, and those that magline comes
-//! with, best ([`fit`]): a price for each unit, row and number that is read, by stage and by what the stage chooses by
+//! the amounts of work that a plan asks for (`work`) at the prices that fit these figures, and those that magline comes
+//! with, best (`fit`): a price for each unit, row and number that is read, by stage and by what the stage chooses by
 //! name. Processor time is that of a machine of speed 1, and is divided by the speed of the one at hand.
 
 mod fit;

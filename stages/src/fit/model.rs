@@ -124,7 +124,7 @@ pub trait FitModel: Send + Sync {
         None
     }
 
-    /// Whether its training can begin with the weights of another model, [`PointWork::start`].
+    /// Whether its training can begin with the weights of another model, `PointWork::start`.
     fn begins_with_weights(&self) -> bool {
         false
     }
