@@ -331,6 +331,10 @@ fn user_a_network_of_one_aircraft_is_where_the_training_of_another_begins() {
     assert_eq!(done.code, 0, "{}", done.stderr);
     let values = |store: &str| numbers(&read(&bench.path(store).join("tables/transfer/warm")), "value");
     assert_eq!(values("store"), values("elsewhere"));
+    // Workers of other processes have it from the store alone.
+    let workers = bench.run(&["--engine", "processes", "--set", "store=workers"]);
+    assert_eq!(workers.code, 0, "{}", workers.stderr);
+    assert!(bench.tables("elsewhere") == bench.tables("workers"), "the bytes differ");
     let explained = bench.magline(&["explain", "spec.toml"]);
     assert!(stdout(&explained).contains("pretrained  model"), "{}", stdout(&explained));
     let lineage = bench.magline(&["lineage", "transfer.warm", "--store", "elsewhere"]);

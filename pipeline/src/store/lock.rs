@@ -71,7 +71,8 @@ pub fn host() -> String {
     name.unwrap_or_else(|| "localhost".to_owned())
 }
 
-fn boot() -> String {
+/// The identifier of this host's boot; empty where that is not known.
+pub fn boot() -> String {
     fs::read_to_string("/proc/sys/kernel/random/boot_id").map(|t| t.trim().to_owned()).unwrap_or_default()
 }
 

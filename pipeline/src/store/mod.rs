@@ -416,6 +416,6 @@ pub(crate) fn sync_folder(folder: &Path) -> io::Result<()> {
 impl Drop for Store {
     fn drop(&mut self) {
         // Files left there never got a final name; the next process would remove them too.
-        let _ = fs::remove_dir_all(&self.tmp);
+        unfinished::remove(&self.tmp);
     }
 }

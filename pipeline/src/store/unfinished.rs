@@ -8,12 +8,14 @@ use std::{
     fs::{self, File, TryLockError},
     io,
     path::{Path, PathBuf},
-    process::Command,
     sync::OnceLock,
     time::Duration,
 };
 
-use super::tend::is_old;
+use super::{
+    lock::{boot, host},
+    tend::is_old,
+};
 
 /// The age at which the folder of another kernel is taken for abandoned.
 const ABANDONED: Duration = Duration::from_secs(30 * 86_400);
@@ -24,15 +26,9 @@ const LONGEST: usize = 40;
 pub fn kernel() -> &'static str {
     static KERNEL: OnceLock<String> = OnceLock::new();
     KERNEL.get_or_init(|| {
-        let of_linux = |name: &str| fs::read_to_string(Path::new("/proc/sys/kernel").join(name)).ok();
-        let host = of_linux("hostname").or_else(|| {
-            let output = Command::new("hostname").output().ok()?;
-            String::from_utf8(output.stdout).ok()
-        });
         let plain = |c: char| if c.is_ascii_alphanumeric() { c } else { '_' };
-        let host: String = host.unwrap_or_default().trim().chars().take(LONGEST).map(plain).collect();
-        let boot: String = of_linux("random/boot_id").unwrap_or_default().trim().chars().take(8).map(plain).collect();
-        [if host.is_empty() { "host".to_owned() } else { host }, boot].join("-")
+        let part = |text: String, most: usize| text.chars().take(most).map(plain).collect::<String>();
+        [part(host(), LONGEST), part(boot(), 8)].join("-")
     })
 }
 
@@ -88,9 +84,21 @@ pub fn sweep(tmp: &Path) {
             Err(_) => false,
         };
         if ended || is_old(&path, ABANDONED) {
-            let _ = fs::remove_dir_all(&path);
+            remove(&path);
         }
     }
+}
+
+/// Removes a folder of unfinished files, the lock last: of one that is half removed it is still known whose it was.
+pub fn remove(folder: &Path) {
+    let lock = folder.join("lock");
+    for file in
+        fs::read_dir(folder).into_iter().flatten().flatten().map(|file| file.path()).filter(|path| *path != lock)
+    {
+        let _ = if file.is_dir() { fs::remove_dir_all(&file) } else { fs::remove_file(&file) };
+    }
+    let _ = fs::remove_file(&lock);
+    let _ = fs::remove_dir(folder);
 }
 
 /// Whether a folder is that of a process of `kernel`.
