@@ -36,6 +36,25 @@ pub(super) struct Hdf5 {
     base: u64,
 }
 
+/// What the macro `$numbers` makes of the Rust type of a data type's numbers; an error of `$of` for what is no number.
+macro_rules! of_type {
+    ($of:expr, $kind:expr, $numbers:ident) => {
+        match $kind {
+            Datatype::FloatingPoint { size: 8, .. } => $numbers!(f64),
+            Datatype::FloatingPoint { size: 4, .. } => $numbers!(f32),
+            Datatype::FixedPoint { size: 1, signed: true, .. } => $numbers!(i8),
+            Datatype::FixedPoint { size: 2, signed: true, .. } => $numbers!(i16),
+            Datatype::FixedPoint { size: 4, signed: true, .. } => $numbers!(i32),
+            Datatype::FixedPoint { size: 8, signed: true, .. } => $numbers!(i64),
+            Datatype::FixedPoint { size: 1, signed: false, .. } => $numbers!(u8),
+            Datatype::FixedPoint { size: 2, signed: false, .. } => $numbers!(u16),
+            Datatype::FixedPoint { size: 4, signed: false, .. } => $numbers!(u32),
+            Datatype::FixedPoint { size: 8, signed: false, .. } => $numbers!(u64),
+            other => return Err($of.damaged(&format!("holds {other:?}, not numbers"))),
+        }
+    };
+}
+
 impl Hdf5 {
     /// Opens a file and lists its data sets.
     pub(super) fn open(path: &Path) -> Result<Hdf5, ReadError> {
@@ -220,19 +239,7 @@ impl Values {
                     .collect()
             };
         }
-        Ok(match kind {
-            Datatype::FloatingPoint { size: 8, .. } => numbers!(f64),
-            Datatype::FloatingPoint { size: 4, .. } => numbers!(f32),
-            Datatype::FixedPoint { size: 1, signed: true, .. } => numbers!(i8),
-            Datatype::FixedPoint { size: 2, signed: true, .. } => numbers!(i16),
-            Datatype::FixedPoint { size: 4, signed: true, .. } => numbers!(i32),
-            Datatype::FixedPoint { size: 8, signed: true, .. } => numbers!(i64),
-            Datatype::FixedPoint { size: 1, signed: false, .. } => numbers!(u8),
-            Datatype::FixedPoint { size: 2, signed: false, .. } => numbers!(u16),
-            Datatype::FixedPoint { size: 4, signed: false, .. } => numbers!(u32),
-            Datatype::FixedPoint { size: 8, signed: false, .. } => numbers!(u64),
-            other => return Err(self.damaged(&format!("holds {other:?}, not numbers"))),
-        })
+        Ok(of_type!(self, kind, numbers))
     }
 
     fn read_numbers(&self, slice: &SliceInfo) -> Result<Vec<f64>, ReadError> {
@@ -243,19 +250,7 @@ impl Values {
                 array.map_err(|e| self.damaged(&e.to_string()))?.iter().map(|x| *x as f64).collect()
             }};
         }
-        Ok(match self.set.dtype() {
-            Datatype::FloatingPoint { size: 8, .. } => numbers!(f64),
-            Datatype::FloatingPoint { size: 4, .. } => numbers!(f32),
-            Datatype::FixedPoint { size: 1, signed: true, .. } => numbers!(i8),
-            Datatype::FixedPoint { size: 2, signed: true, .. } => numbers!(i16),
-            Datatype::FixedPoint { size: 4, signed: true, .. } => numbers!(i32),
-            Datatype::FixedPoint { size: 8, signed: true, .. } => numbers!(i64),
-            Datatype::FixedPoint { size: 1, signed: false, .. } => numbers!(u8),
-            Datatype::FixedPoint { size: 2, signed: false, .. } => numbers!(u16),
-            Datatype::FixedPoint { size: 4, signed: false, .. } => numbers!(u32),
-            Datatype::FixedPoint { size: 8, signed: false, .. } => numbers!(u64),
-            other => return Err(self.damaged(&format!("holds {other:?}, not numbers"))),
-        })
+        Ok(of_type!(self, self.set.dtype(), numbers))
     }
 
     /// An error about this data set.

@@ -68,7 +68,7 @@ fn layout(body: &[u8], base: u64) -> Option<Early> {
     }
 }
 
-/// Bytes of a file; `None` where it has not so many.
+/// Bytes of a file; `None` where the file ends before.
 pub(super) fn bytes(file: &mut File, at: u64, length: usize) -> Option<Vec<u8>> {
     let whole = file.metadata().ok()?.len();
     if at.checked_add(length as u64)? > whole {

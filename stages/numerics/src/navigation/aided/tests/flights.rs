@@ -213,32 +213,8 @@ fn law_a_vector_tells_the_heading_and_little_of_the_position() {
     let model = InsErrorModel::of(sources);
     let mut figures = vec![];
     for with in [false, true] {
-        let mut heading = [0.0; 2];
-        let n = FLIGHTS as f64;
-        let mut velocity = 0.0;
-        let found = consistency(
-            model,
-            |output| if with { &output.vector.nis } else { &output.navigation.nis },
-            |flight, seed| {
-                let (measured, field) = (flight.measured(1000 + seed, 5.0), vector_nt(flight, 300 + seed));
-                let (ins, sigma) = (flight.ins.series(), vec![5.0; SAMPLES as usize]);
-                let vector = Vector {
-                    field_nt: field.each_ref().map(Vec::as_slice),
-                    sigma_nt: 5.0,
-                    bias: GaussMarkov { sigma: 20.0, tau_s: 3600.0 },
-                    crustal_sigma_nt: 40.0,
-                    crustal_length_m: 2000.0,
-                    core: &world().core,
-                };
-                let aids = Aids { vector: with.then_some(vector), ..Aids::default() };
-                let parameters =
-                    AidedParameters { keep_states: true, keep_covariance: true, ..AidedParameters::default() };
-                run(&flight.line(&ins, &measured, &sigma), &aids, &parameters).unwrap()
-            },
-        );
-        for seed in 0..FLIGHTS {
-            let flight = Flight::flown(seed, SAMPLES, 1.0, model);
-            let (measured, field) = (flight.measured(1000 + seed, 5.0), vector_nt(&flight, 300 + seed));
+        let fly = |flight: &Flight, seed: u64| {
+            let (measured, field) = (flight.measured(1000 + seed, 5.0), vector_nt(flight, 300 + seed));
             let (ins, sigma) = (flight.ins.series(), vec![5.0; SAMPLES as usize]);
             let vector = Vector {
                 field_nt: field.each_ref().map(Vec::as_slice),
@@ -250,7 +226,15 @@ fn law_a_vector_tells_the_heading_and_little_of_the_position() {
             };
             let aids = Aids { vector: with.then_some(vector), ..Aids::default() };
             let parameters = AidedParameters { keep_states: true, keep_covariance: true, ..AidedParameters::default() };
-            let out = run(&flight.line(&ins, &measured, &sigma), &aids, &parameters).unwrap().navigation;
+            run(&flight.line(&ins, &measured, &sigma), &aids, &parameters).unwrap()
+        };
+        let mut heading = [0.0; 2];
+        let n = FLIGHTS as f64;
+        let mut velocity = 0.0;
+        let found = consistency(model, |output| if with { &output.vector.nis } else { &output.navigation.nis }, fly);
+        for seed in 0..FLIGHTS {
+            let flight = Flight::flown(seed, SAMPLES, 1.0, model);
+            let out = fly(&flight, seed).navigation;
             let row = 300;
             let off = flight.errors[row][TILT_D] - out.x[row][TILT_D];
             heading[0] += off * off / n;
