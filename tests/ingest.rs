@@ -15,17 +15,17 @@ use tempfile::TempDir;
 
 use crate::support::{Bench, line_of, magline, numbers, read, repository, stderr, stdout, texts, write};
 
-fn sample(name: &str) -> String {
+pub fn sample(name: &str) -> String {
     repository().join("datasets/samples").join(name).display().to_string()
 }
 
-fn file(path: &Path) -> Vec<RecordBatch> {
+pub fn file(path: &Path) -> Vec<RecordBatch> {
     let reader = ParquetRecordBatchReaderBuilder::try_new(fs::File::open(path).unwrap()).unwrap();
     reader.build().unwrap().map(Result::unwrap).collect()
 }
 
 /// All files below a folder, with their bytes.
-fn files(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+pub fn files(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     let mut found = BTreeMap::new();
     for entry in fs::read_dir(folder).unwrap().flatten() {
         let path = entry.path();
@@ -53,7 +53,7 @@ const MAPPING: &str = "flight = { of_file = true }\nline = '1'\nepoch = { utc = 
     vectors = { flux_a = { from = ['MagX', 'MagY', 'MagZ'], unit = 'mgauss', axes = '+x -y -z' } }\n\
     columns = { cur_motor = { from = 'cur', unit = 'A', scale = 0.5 } }\n";
 
-fn bench(rows: usize) -> TempDir {
+pub fn bench(rows: usize) -> TempDir {
     let folder = TempDir::new().unwrap();
     log(folder.path(), "log.csv", rows);
     fs::write(folder.path().join("m.toml"), MAPPING).unwrap();
@@ -498,213 +498,4 @@ fn val_the_uav_example_has_the_figures_of_numpy() {
         }
         assert_eq!(compared, 8, "{model}");
     }
-}
-
-#[test]
-fn user_lines_are_divided_by_a_table_of_times() {
-    let bench = Bench::new();
-    write(&bench.path("flown.parquet"), &[line_of("1", "1.01", 700)]);
-    let tt = numbers(&file(&bench.path("flown.parquet")), "tt");
-    let spec = "name = \"small\"\nstore = \"store\"\n[tables.flights]\npath = \"flown.parquet\"\nlines = \"lines.csv\"\n\
-                [[stages]]\nname = \"made\"\nstage = \"derive\"\ninput = \"flights\"\ncolumns = { x = \"mag_4_uc - mag_5_uc\" }\n";
-    bench.spec(spec);
-    let table = |rows: &str| fs::write(bench.path("lines.csv"), format!("flight,line,t_start,t_end\n{rows}")).unwrap();
-    let lines = || {
-        let made = read(&bench.path("store/tables/small/made"));
-        texts(&made, "line").into_iter().fold(BTreeMap::<String, usize>::new(), |mut counts, line| {
-            *counts.entry(line).or_default() += 1;
-            counts
-        })
-    };
-    table(&format!("Flt1,out,{},{}\n1,home,{},{}\n", tt[10], tt[99], tt[200], tt[249]));
-    let done = bench.run(&[]);
-    assert_eq!(done.code, 0, "{}", done.stderr);
-    assert_eq!(lines(), BTreeMap::from([("out".to_owned(), 90), ("home".to_owned(), 50)]));
-    // The table is part of the key.
-    table(&format!("1,out,{},{}\n", tt[10], tt[19]));
-    assert_eq!(bench.run(&[]).code, 0);
-    assert_eq!(lines(), BTreeMap::from([("out".to_owned(), 10)]));
-    for (rows, says) in [
-        (format!("1,out,{},{}\n", 1000.0 * tt[10], 1000.0 * tt[19]), "no sample is within a line of"),
-        (format!("1,out,{},{}\n1,far,900000,900001\n", tt[10], tt[19]), "within the times of 1/far"),
-        (format!("1,out,{},{}\n1,in,{},{}\n", tt[10], tt[19], tt[15], tt[30]), "overlap"),
-    ] {
-        table(&rows);
-        let run = bench.magline(&["run", "spec.toml"]);
-        assert_eq!(run.status.code(), Some(2), "{}", stdout(&run));
-        assert!(stderr(&run).contains(says) && stderr(&run).contains("lines.csv"), "{}", stderr(&run));
-    }
-}
-
-/// A simulated flight of a calibration box and three survey lines, whose own lines are called `a` and `b`.
-fn simulated(folder: &Path) {
-    let map = sample("osborne/osborne_anomaly_100m_at_500m.tif");
-    let text = format!(
-        "seed = 3\nyear = 2020\ndoy = 185\n[map]\npath = '{map}'\n[[magnetometers]]\nname = 'mag_2_uc'\n[[flights]]\nname = '7'\n\
-         start_tt_s = 40000.0\n[[flights.lines]]\nname = 'a'\nkind = 'box'\nalt_m = 600.0\nstart = [-22.0, 140.6]\n\
-         [[flights.lines]]\nname = 'b'\nkind = 'free'\nalt_m = 600.0\n\
-         waypoints = [[-22.0, 140.6], [-21.95, 140.6], [-21.95, 140.65], [-22.0, 140.65]]\n"
-    );
-    fs::write(folder.join("s.synth.toml"), text).unwrap();
-    let output = magline(folder, &["synth", "s.synth.toml", "--to", "flown"]);
-    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
-}
-
-#[test]
-fn user_lines_are_found_shown_edited_and_used() {
-    let folder = TempDir::new().unwrap();
-    let at = folder.path();
-    simulated(at);
-    let run = |args: &[&str], code: i32| {
-        let output = magline(at, args);
-        assert_eq!(output.status.code(), Some(code), "{args:?}: {}", stderr(&output));
-        (stdout(&output), stderr(&output))
-    };
-    // Only to look at.
-    let look = ["ingest", "flown/7.parquet", "--lines", "auto", "--picture", "look.svg", "--write-lines", "lines.csv"];
-    let (said, _) = run(&look, 0);
-    for word in ["box1", "line3", "40000.0", "look.svg", "lines.csv"] {
-        assert!(said.contains(word), "no {word} in {said}");
-    }
-    let picture = fs::read_to_string(at.join("look.svg")).unwrap();
-    assert!(
-        picture.starts_with("<?xml") && picture.matches("box1").count() == 2 && picture.contains("calibration box")
-    );
-    let found = fs::read_to_string(at.join("lines.csv")).unwrap();
-    assert_eq!(found.lines().count(), 5, "{found}");
-    assert!(found.starts_with("flight,line,t_start,t_end,kind,") && found.contains("\n7,box1,40000.0,"), "{found}");
-    assert!(found.contains(",roll pitch yaw"), "{found}");
-
-    // The lines that are found, the table of them, the spec and the ingested file give the same.
-    run(&["ingest", "flown/7.parquet", "--lines", "auto", "--to", "auto", "--picture", "auto.png"], 0);
-    assert_eq!(fs::read_to_string(at.join("auto/_lines/7.csv")).unwrap(), found);
-    assert!(fs::read(at.join("auto.png")).unwrap().starts_with(b"\x89PNG"));
-    run(&["ingest", "flown/7.parquet", "--lines", "lines.csv", "--to", "table"], 0);
-    let spec = |path: &str, lines: &str| {
-        format!(
-            "name = 'small'\nstore = 'store'\n[tables.flights]\npath = '{path}'\n{lines}\n[[stages]]\nname = 'even'\nstage = 'resample'\n\
-             input = 'flights'\nrate_hz = 5.0\n"
-        )
-    };
-    let tables = |name: &str, text: String| {
-        fs::write(at.join(format!("{name}.toml")), text).unwrap();
-        run(&["run", &format!("{name}.toml"), "--set", &format!("store=s_{name}"), "-q"], 0);
-        read(&at.join(format!("s_{name}/tables/small/even")))
-    };
-    let auto = tables("auto", spec("flown/7.parquet", "lines = 'auto'"));
-    let counts = texts(&auto, "line").into_iter().fold(BTreeMap::<String, usize>::new(), |mut counts, line| {
-        *counts.entry(line).or_default() += 1;
-        counts
-    });
-    assert_eq!(counts.keys().map(String::as_str).collect::<Vec<_>>(), ["box1", "line1", "line2", "line3"]);
-    for (name, text) in [
-        ("table", spec("flown/7.parquet", "lines = 'lines.csv'")),
-        ("in_auto", spec("auto", "")),
-        ("in_table", spec("table", "")),
-    ] {
-        let same = tables(name, text);
-        for column in ["tt", "mag_2_uc"] {
-            assert_eq!(numbers(&same, column), numbers(&auto, column), "{name} {column}");
-        }
-        assert_eq!(texts(&same, "line"), texts(&auto, "line"), "{name}");
-    }
-
-    // What somebody has edited is not replaced, and is used.
-    let edited = found.lines().take(2).collect::<Vec<_>>().join("\n").replace("box1", "first") + "\n";
-    fs::write(at.join("lines.csv"), &edited).unwrap();
-    assert!(run(&look, 2).1.contains("holds other lines already"));
-    assert_eq!(fs::read_to_string(at.join("lines.csv")).unwrap(), edited);
-    let args = ["ingest", "flown/7.parquet", "--lines", "lines.csv", "--to", "edited", "--picture", "edited.svg"];
-    assert!(run(&args, 0).1.contains("edited.svg"));
-    assert!(fs::read_to_string(at.join("edited.svg")).unwrap().contains("first"));
-    assert!(file(&at.join("edited/7.parquet")).iter().all(|b| texts(std::slice::from_ref(b), "line")[0] == "first"));
-    run(&[&look[..], &["--replace"]].concat(), 0);
-    assert_eq!(fs::read_to_string(at.join("lines.csv")).unwrap(), found);
-}
-
-#[test]
-fn user_lines_that_cannot_be_found_or_used_are_refused_before_anything_is_written() {
-    let folder = bench(600);
-    let at = folder.path();
-    let log = ["ingest", "log.csv", "--mapping", "m.toml", "--to", "out"];
-    let refused = |more: &[&str], code: i32, words: &str| {
-        let output = magline(at, &[&log[..], more].concat());
-        assert_eq!(output.status.code(), Some(code), "{more:?}: {}", stderr(&output));
-        assert!(stderr(&output).contains(words), "{more:?}: {}", stderr(&output));
-        assert!(!at.join("out").exists() || files(&at.join("out")).is_empty(), "{more:?}");
-    };
-    refused(&["--lines", "auto"], 2, "neither positions nor headings");
-    refused(&["--lines", "gone.csv"], 2, "gone.csv");
-    refused(&["--lines", "auto", "--picture", "lines.jpg"], 2, "end its name in .svg or .png");
-    refused(&["--picture", "lines.svg"], 2, "--lines");
-    fs::write(at.join("lines.csv"), "flight,line,t_start,t_end\nlog,far,1,2\n").unwrap();
-    refused(&["--lines", "lines.csv"], 2, "no sample is within a line of");
-    refused(&["--lines", "lines.csv", "--write-lines", "x.csv"], 2, "`--lines auto`");
-    // The same in a spec, at the place of the key.
-    fs::write(
-        at.join("spec.toml"),
-        "name = 'small'\nstore = 'store'\n[tables.log]\npath = 'log.csv'\nmapping = 'm.toml'\nlines = 'auto'\n[[stages]]\n\
-         name = 'even'\nstage = 'resample'\ninput = 'log'\nrate_hz = 5.0\n",
-    )
-    .unwrap();
-    let output = magline(at, &["run", "spec.toml"]);
-    assert_eq!(output.status.code(), Some(2), "{}", stderr(&output));
-    assert!(stderr(&output).contains("neither positions nor headings"), "{}", stderr(&output));
-    // A line of the table without a sample is said, and the others are there.
-    fs::write(at.join("lines.csv"), "flight,line,t_start,t_end\nlog,one,43201,43230\nlog,far,1,2\n").unwrap();
-    let output = magline(at, &[&log[..], &["--lines", "lines.csv"]].concat());
-    assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
-    assert!(stderr(&output).contains("within the times of log/far"), "{}", stderr(&output));
-    assert_eq!(texts(&file(&at.join("out/log.parquet")), "line").first().map(String::as_str), Some("one"));
-}
-
-#[test]
-fn user_the_report_shows_the_quality_of_the_data() {
-    let folder = TempDir::new().unwrap();
-    let at = folder.path();
-    let mut text = "flight,line,tt,mag_1_uc,mag_2_uc,cur_1\n".to_owned();
-    for line in 1..=2 {
-        for i in 0..3000_u32 {
-            let tt = f64::from(line) * 1000.0 + f64::from(i) * 0.1 + if i >= 2000 { 7.0 } else { 0.0 };
-            let noise = f64::from((i * 7919) % 101) * 0.001;
-            let mag = if line == 2 && (500..620).contains(&i) { 50_000.0 } else { 50_000.0 + noise };
-            let other = if (100..160).contains(&i) { "N/A".to_owned() } else { format!("{}", 51_000.0 + noise) };
-            text += &format!("7,7.0{line},{tt},{mag},{other},{}\n", f64::from(i % 50) * 0.5);
-        }
-    }
-    fs::write(at.join("a.csv"), text).unwrap();
-    fs::write(
-        at.join("spec.toml"),
-        "name = 'small'\nstore = 'store'\n[tables.flights]\npath = 'a.csv'\n[[stages]]\nname = 'made'\nstage = 'derive'\n\
-         input = 'flights'\ncolumns = { x = \"mag_1_uc - mag_2_uc\" }\n",
-    )
-    .unwrap();
-    assert_eq!(magline(at, &["run", "spec.toml", "-q"]).status.code(), Some(0));
-    let page = || {
-        let output = magline(at, &["report", "spec.toml", "-o", "report.html"]);
-        assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
-        fs::read_to_string(at.join("report.html")).unwrap()
-    };
-    let first = page();
-    let section = first.split("id=\"quality\"").nth(1).unwrap().split("</section>").next().unwrap();
-    for part in [
-        // Two gaps of 7 s, of one flight: the time they lack together.
-        "! 2</td>",
-        "! 14.00</td>",
-        // 120 samples of one value take 11.9 s.
-        "! 120, 11.90 s</td>",
-        // Twice 60 missing values: 6.1 s from the last before to the first after.
-        "! 120, 6.100 s</td>",
-        "Flight 7: samples that need a look, over time",
-        "class=\"stuck\"",
-        "class=\"missing\"",
-        "class=\"gap\"",
-    ] {
-        assert!(section.contains(part), "no {part} in {section}");
-    }
-    // The worst first, and what needs no look is folded.
-    let place = |word: &str| section.find(&format!("<td>{word}</td>")).unwrap();
-    assert!(place("mag_1_uc") < place("cur_1") && section.find("without a mark").unwrap() < place("cur_1"));
-    // The figures are kept: without the log's being read again.
-    assert_eq!(first, page());
 }

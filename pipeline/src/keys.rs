@@ -1,12 +1,23 @@
 //! Keys: results are addressed by their inputs.
 
-use std::fmt;
+use std::{fmt, sync::LazyLock};
 
+use numerics::arithmetic;
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error};
 
 /// 128 bits of BLAKE3 over length-prefixed parts.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Key([u8; 16]);
+
+/// What the last bits of results depend on beside inputs, version and parameters: the hash of
+/// [`arithmetic::probe`] on this machine. It is a part of the key of everything that is computed.
+pub static ARITHMETIC: LazyLock<Key> =
+    LazyLock::new(|| Key::of(arithmetic::probe().iter().map(|x| x.to_bits().to_le_bytes())));
+
+/// The arithmetic of this machine, for people: the processor and its [`ARITHMETIC`].
+pub fn arithmetic_in_words() -> String {
+    format!("{} {}", arithmetic::processor(), *ARITHMETIC)
+}
 
 impl Key {
     /// The key of an ordered list of parts. Parts are length-prefixed, so `["ab"]` and `["a", "b"]` differ.

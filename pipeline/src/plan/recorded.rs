@@ -5,20 +5,21 @@
 use arrow_ipc::convert::{IpcSchemaEncoder, fb_to_schema};
 use arrow_schema::{Schema, SchemaRef};
 use learning::search::Value;
+use numerics::arithmetic::processor;
 use schemas::{Entry, Fault};
 use serde::{Deserialize, Serialize};
 use std::{collections::BTreeMap, path::Path};
 
 use super::{Graph, Plan, build};
 use crate::{
-    keys::Key,
+    keys::{ARITHMETIC, Key},
     sources::{LineRecord, MapSource},
     spec::{Faults, Row, Spec},
     store::{NoteFault, Store},
 };
 
 /// The form of the record.
-const FORM: u32 = 1;
+const FORM: u32 = 2;
 
 /// All that a plan and its keys follow from.
 #[derive(Serialize, Deserialize)]
@@ -26,6 +27,9 @@ const FORM: u32 = 1;
 pub struct Recorded {
     form: u32,
     magline: String,
+    /// The machine's, for people and to compare.
+    arithmetic: String,
+    arithmetic_key: Key,
     /// The name of the spec's file, which names a pipeline that has no name.
     file: String,
     text: String,
@@ -155,6 +159,8 @@ impl Recorded {
         let recorded = Recorded {
             form: FORM,
             magline: env!("CARGO_PKG_VERSION").to_owned(),
+            arithmetic: processor(),
+            arithmetic_key: *ARITHMETIC,
             file,
             text: spec.text.clone(),
             sets: spec.sets.clone(),
@@ -181,6 +187,15 @@ impl Recorded {
                 env!("CARGO_PKG_VERSION")
             );
             return Err(Fault::new(what).help("use the same program for tasks and workers"));
+        }
+        if recorded.arithmetic_key != *ARITHMETIC {
+            let what = format!(
+                "results of this machine ({}) and of the one that made the plan {key} ({}) differ in their last bits",
+                processor(),
+                recorded.arithmetic
+            );
+            let help = "use workers with the processor and the C library of the machine that plans, or run there";
+            return Err(Fault::new(what).help(help));
         }
         Ok(recorded)
     }
@@ -255,4 +270,34 @@ impl Recorded {
 
 fn lacking(name: &str) -> Fault {
     Fault::new(format!("the record of the plan lacks the table `{name}`"))
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn unit_the_plan_of_a_machine_with_other_last_bits_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::open(folder.path()).unwrap();
+        let of = |arithmetic_key| {
+            let recorded = Recorded {
+                form: FORM,
+                magline: env!("CARGO_PKG_VERSION").to_owned(),
+                arithmetic: "a processor".to_owned(),
+                arithmetic_key,
+                file: "spec.toml".to_owned(),
+                text: String::new(),
+                sets: vec![],
+                trials: vec![],
+                flights: vec![],
+                maps: vec![],
+            };
+            Recorded::find(&store, store.keep_plan(&serde_json::to_vec(&recorded).unwrap()).unwrap())
+        };
+        assert!(of(*ARITHMETIC).is_ok());
+        let fault = of(Key::of(["other"])).err().unwrap().to_string();
+        assert!(fault.contains("(a processor) differ in their last bits") && fault.contains(&processor()), "{fault}");
+    }
 }

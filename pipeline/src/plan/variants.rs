@@ -16,7 +16,7 @@ use super::{
     node::{Slot, Target, Variant, own_args},
 };
 use crate::{
-    keys::Key,
+    keys::{ARITHMETIC, Key},
     predicate::Predicate,
     spec::{Spec, StageDecl},
 };
@@ -369,8 +369,9 @@ fn same_table(one: &Table, other: &Table) -> bool {
 fn question(entry: &Entry, stage: &AnyStage) -> Key {
     let params = stage.canonical();
     let version = entry.version.to_string();
-    let words = params.iter().flat_map(|(k, v)| [*k, v.as_str()]);
-    Key::of(["question", entry.name, version.as_str()].into_iter().chain(words))
+    let words = params.iter().flat_map(|(k, v)| [k.as_bytes(), v.as_bytes()]);
+    let what = ["question".as_bytes(), ARITHMETIC.as_ref(), entry.name.as_bytes(), version.as_bytes()];
+    Key::of(what.into_iter().chain(words))
 }
 
 /// The table that later stages see. The inputs of its columns belong to the stage that made them.

@@ -39,7 +39,7 @@ use arrow_array::{Array, RecordBatch, cast::AsArray};
 use schemas::{Fault, TableKind};
 
 use crate::{
-    keys::Key,
+    keys::{Key, arithmetic_in_words},
     plan::{Graph, Plan},
     run::run_id,
     spec::{
@@ -341,6 +341,7 @@ fn lock(graph: &Graph, inputs: inputs::Inputs) -> Result<Lock, Fault> {
     Ok(Lock {
         format: FORMAT.to_owned(),
         magline: env!("CARGO_PKG_VERSION").to_owned(),
+        arithmetic: arithmetic_in_words(),
         pipeline: spec.name.clone(),
         spec: inputs.spec,
         spec_sha256: checksums::of_bytes(spec.text.as_bytes()),

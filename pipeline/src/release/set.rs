@@ -262,6 +262,9 @@ pub struct Lock {
     pub format: String,
     /// The version of magline.
     pub magline: String,
+    /// The processor and what its last bits are known by; empty in sets of versions that did not note it.
+    #[serde(default)]
+    pub arithmetic: String,
     /// The pipeline.
     pub pipeline: String,
     /// The path of its spec in the set.

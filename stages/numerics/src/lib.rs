@@ -19,7 +19,8 @@
 //! | [`navigation`] | strapdown mechanisation, the Pinson error model, the 18-state extended Kalman filter |
 //!
 //! [`earth`], [`signal`] and [`regression`] do not use each other, nor do [`maps`] and [`compensation`]. Beside the
-//! folders are periodic angles ([`angle`]) and reproducible random numbers ([`random`]). Each folder re-exports the
+//! folders are periodic angles ([`angle`]), reproducible random numbers ([`random`]) and what last bits depend on
+//! ([`arithmetic`]). Each folder re-exports the
 //! few items that are needed first; everything else is in its modules.
 //!
 //! # Example
@@ -85,7 +86,7 @@
 //!   offending values, and lists the cases under "Errors". The library does not call `unwrap`, `expect` or `panic!`.
 //! - **Determinism**: results are bit-identical for any number of threads (rayon's). Random draws take a seed, or a
 //!   source of normals from the caller. From one kind of processor to another the last bits may differ, except where
-//!   a module says otherwise.
+//!   a module says otherwise; [`arithmetic`] tells such machines apart.
 //!
 //! # Sources
 //!
@@ -121,6 +122,7 @@
 extern crate self as numerics;
 
 pub mod angle;
+pub mod arithmetic;
 pub mod compensation;
 pub mod earth;
 pub mod maps;
