@@ -75,7 +75,14 @@ class Proxy(BaseHTTPRequestHandler):
             data = data[: len(data) // 2]
         return self.answer(answer.status, headers, data, cut)
 
-    def answer(self, status, headers, data, cut=None):
+    def answer(self, *args):
+        try:
+            self.answered(*args)
+        except (BrokenPipeError, ConnectionResetError):
+            # Whoever asked did not wait.
+            self.close_connection = True
+
+    def answered(self, status, headers, data, cut=None):
         self.send_response(status)
         for k, v in headers.items():
             if k.lower() != "content-length":

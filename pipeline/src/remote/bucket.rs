@@ -132,6 +132,12 @@ fn is_missing_bucket(error: &Error) -> bool {
     ["NoSuchBucket", "ContainerNotFound", "bucket does not exist"].iter().any(|code| text.contains(code))
 }
 
+fn is_forbidden(error: &Error, text: &str) -> bool {
+    // The error of a listing is of no kind.
+    let said = ["403 Forbidden", "401 Unauthorized"].iter().any(|status| text.contains(status));
+    said || matches!(error, Error::PermissionDenied { .. } | Error::Unauthenticated { .. })
+}
+
 /// Whether an object of that name is simply not there.
 fn is_missing(error: &Error) -> bool {
     matches!(error, Error::NotFound { .. }) && !is_missing_bucket(error)
@@ -169,17 +175,17 @@ impl Bucket {
                 .help("make it with the tools of its provider, or name another");
         }
         match error {
-            Error::PermissionDenied { .. } | Error::Unauthenticated { .. } => Fault::machine(what)
-                .help("the credentials of the environment or the profile do not permit it: see pipeline/OBJECTS.md"),
-            Error::NotImplemented { .. } | Error::NotSupported { .. } => {
-                Fault::machine(what).help("the server does not do what a store needs, such as conditional writes")
-            }
             _ if text.contains("169.254.169.254") || text.contains("metadata.google") => {
                 Fault::machine(format!("cannot {doing} {address}: no credentials are found"))
                     .help("set them in the environment or a profile: see pipeline/OBJECTS.md")
             }
-            _ if text.contains("scheme is not allowed") => {
-                Fault::machine(what).help("an endpoint without TLS needs AWS_ALLOW_HTTP=true")
+            _ if is_forbidden(error, &text) => Fault::machine(what)
+                .help("the credentials of the environment or the profile do not permit it: see pipeline/OBJECTS.md"),
+            Error::NotImplemented { .. } | Error::NotSupported { .. } => {
+                Fault::machine(what).help("the server does not do what a store needs, such as conditional writes")
+            }
+            _ if text.contains("error sending request") => {
+                Fault::machine(what).help("nobody answers there, or not in time: see the network and the endpoint")
             }
             _ => Fault::machine(what),
         }

@@ -67,14 +67,14 @@ fn open(address: &Address) -> Result<Bucket, Fault> {
         (ClientConfigKey::Timeout, "TIMEOUT", "60 seconds"),
         (ClientConfigKey::ConnectTimeout, "CONNECT_TIMEOUT", "5 seconds"),
     ];
-    // Six trials more within two minutes, after 0.2 s, 0.4 s, and so on up to 10 s.
+    // Eight trials more within two minutes, after 0.2 s, 0.4 s, and so on up to 10 s.
     let retry = RetryConfig {
         backoff: BackoffConfig {
             init_backoff: Duration::from_millis(200),
             max_backoff: Duration::from_secs(10),
             base: 2.0,
         },
-        max_retries: 6,
+        max_retries: 8,
         retry_timeout: Duration::from_secs(120),
     };
     let unset = |prefix: &str| {
@@ -89,12 +89,23 @@ fn open(address: &Address) -> Result<Bucket, Fault> {
     };
     let objects: Arc<dyn ObjectStore> = match address.scheme {
         Scheme::S3 => {
-            let mut builder = AmazonS3Builder::from_env().with_bucket_name(bucket).with_retry(retry);
+            let mut builder = AmazonS3Builder::new().with_bucket_name(bucket).with_retry(retry);
             builder = builder.with_checksum_algorithm(Checksum::SHA256);
+            // A variable that is empty is as good as none.
+            for (name, value) in std::env::vars_os() {
+                let (Some(name), Some(value)) = (name.to_str(), value.to_str().filter(|v| !v.is_empty())) else {
+                    continue;
+                };
+                if let (true, Ok(key)) = (name.starts_with("AWS_"), name.to_ascii_lowercase().parse()) {
+                    builder = builder.with_config(key, value);
+                }
+            }
             if let Some(profile) = super::profile::Profile::chosen()? {
                 builder = profile.into_builder(builder)?;
             }
-            if let Some(endpoint) = std::env::var("AWS_ENDPOINT_URL_S3").ok().filter(|v| !v.is_empty()) {
+            let endpoint = endpoint(address.scheme);
+            if !endpoint.is_empty() {
+                allowed(&endpoint)?;
                 builder = builder.with_endpoint(endpoint);
             }
             for (key, _, value) in unset("AWS") {
@@ -118,4 +129,18 @@ fn open(address: &Address) -> Result<Bucket, Fault> {
         }
     };
     Ok(Bucket::new(objects, address.clone()))
+}
+
+/// Whether an endpoint of S3 is one: an address, with TLS unless the environment allows one without.
+#[cfg(feature = "object-stores")]
+fn allowed(endpoint: &str) -> Result<(), Fault> {
+    let plain = std::env::var("AWS_ALLOW_HTTP").is_ok_and(|v| matches!(v.to_ascii_lowercase().as_str(), "true" | "1"));
+    match url::Url::parse(endpoint).ok().filter(|url| url.has_host()).as_ref().map(url::Url::scheme) {
+        Some("https") => Ok(()),
+        Some("http") if plain => Ok(()),
+        Some("http") => Err(Fault::machine("the endpoint of S3 is an address without TLS")
+            .help("allow it with AWS_ALLOW_HTTP=true, or name one with https://")),
+        Some(_) | None => Err(Fault::machine("the endpoint of S3 is not an address (AWS_ENDPOINT_URL)")
+            .help("write it as https://HOST or http://HOST:PORT")),
+    }
 }

@@ -110,10 +110,6 @@ impl Profile {
         if let (None, None, Some(region)) = (set("AWS_REGION"), set("AWS_DEFAULT_REGION"), &self.region) {
             builder = builder.with_region(region);
         }
-        let endpoint = set("AWS_ENDPOINT_URL").or_else(|| set("AWS_ENDPOINT"));
-        if let (None, Some(endpoint)) = (endpoint, &self.endpoint_url) {
-            builder = builder.with_endpoint(endpoint);
-        }
         Ok(builder)
     }
 }

@@ -36,8 +36,8 @@ use crate::clock;
 const BEAT: Duration = Duration::from_secs(10);
 /// A holder on another host without a sign for so long is gone.
 pub const GONE_AFTER: Duration = Duration::from_secs(120);
-/// The interval of looking again while waiting.
-const LOOK_AGAIN: Duration = Duration::from_millis(200);
+/// The interval of looking again while waiting, at a lock of this machine and at one in an object store.
+const LOOK_AGAIN: [Duration; 2] = [Duration::from_millis(200), Duration::from_secs(3)];
 
 /// The process that holds a lock.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -124,7 +124,7 @@ pub struct Publisher {
     text: String,
     heart: Heart,
     /// That of the object store, where the folder is a copy of one.
-    lease: Option<RemoteLease>,
+    lease: Option<Box<RemoteLease>>,
     _lock: File,
 }
 
@@ -239,7 +239,7 @@ impl Publisher {
 
     /// Whether no other process had the lock when its [`generation`] was `seen`, nor since.
     pub fn follows(&self, seen: Option<u64>) -> bool {
-        let number = self.lease.as_ref().map_or(self.number, RemoteLease::number);
+        let number = self.lease.as_ref().map_or(self.number, |lease| lease.number());
         seen.is_some_and(|n| number == n.saturating_add(1))
     }
 
@@ -250,7 +250,7 @@ impl Publisher {
     pub fn check(&self) -> Result<(), Fault> {
         let newest = numbers(&self.folder, &self.pipeline).ok().and_then(|n| n.last().copied());
         let by = if newest == Some(self.number) && !self.heart.shared.lost.load(Ordering::SeqCst) {
-            match self.lease.as_ref().map_or(Ok(None), RemoteLease::taken_by)? {
+            match self.lease.as_ref().map_or(Ok(None), |lease| lease.taken_by())? {
                 Some(by) => by,
                 None => return Ok(()),
             }
@@ -298,7 +298,7 @@ impl Store {
         };
         if let Some(remote) = self.remote() {
             match remote.lease(pipeline)? {
-                Ok(lease) => publisher.lease = Some(lease),
+                Ok(lease) => publisher.lease = Some(Box::new(lease)),
                 Err(held) => return Ok(Lock::Held(held)),
             }
         }
@@ -383,6 +383,12 @@ impl Store {
         lease.map(|l| l.held(self.time_there().ok())).unwrap_or_default()
     }
 
+    /// How long to wait before asking for a lock again.
+    pub fn look_again(&self) -> Duration {
+        let [here, there] = LOOK_AGAIN;
+        if self.is_copy() { there } else { here }
+    }
+
     /// Takes the lock of `pipeline`; where another process holds it, waits for it or fails.
     ///
     /// # Errors
@@ -391,7 +397,7 @@ impl Store {
         loop {
             match self.lock(pipeline)? {
                 Lock::Mine(publisher) => return Ok(publisher),
-                Lock::Held(_) if wait => sleep(LOOK_AGAIN),
+                Lock::Held(_) if wait => sleep(self.look_again()),
                 Lock::Held(held) => {
                     let fault = Fault::machine(held.told(pipeline, self.root()));
                     return Err(fault.help("wait for it with --wait, or name another store"));
