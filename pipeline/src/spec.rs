@@ -294,7 +294,8 @@ impl Reading {
                 }
             });
             return found.unwrap_or_else(|fault| {
-                self.faults.push(fault.at(at));
+                // What stands there may be a password, and is not shown.
+                self.faults.push(if store.contains('@') { fault } else { fault.at(at) });
                 ("store".into(), None)
             });
         }

@@ -132,6 +132,11 @@ fn is_missing_bucket(error: &Error) -> bool {
     ["NoSuchBucket", "ContainerNotFound", "bucket does not exist"].iter().any(|code| text.contains(code))
 }
 
+/// Whether an answer began and did not come to its end.
+fn is_cut(error: &Error) -> bool {
+    matches!(error, Error::Generic { .. }) && error.to_string().contains("response body")
+}
+
 fn is_forbidden(error: &Error, text: &str) -> bool {
     // The error of a listing is of no kind.
     let said = ["403 Forbidden", "401 Unauthorized"].iter().any(|status| text.contains(status));
@@ -208,6 +213,7 @@ impl Bucket {
             match wait(read.clone()())? {
                 Ok((bytes, size, tag)) if bytes.len() as u64 == size => return Ok(Some((bytes.to_vec(), tag))),
                 Ok(_) => {}
+                Err(e) if is_cut(&e) => {}
                 Err(e) if is_missing(&e) => return Ok(None),
                 Err(e) => return Err(self.fault("read", key, &e)),
             }
@@ -259,6 +265,7 @@ impl Bucket {
             match wait(read.clone()())? {
                 Ok(bytes) if bytes.len() as u64 == want => return Ok(Some(bytes.to_vec())),
                 Ok(_) => {}
+                Err(e) if is_cut(&e) => {}
                 Err(e) if is_missing(&e) => return Ok(None),
                 Err(e) => return Err(self.fault("read", key, &e)),
             }
@@ -285,6 +292,7 @@ impl Bucket {
             pause(trial);
             let (about, bytes) = match wait(first.clone()())? {
                 Ok(found) => found,
+                Err(e) if is_cut(&e) => continue,
                 Err(e) if is_missing(&e) => return Ok(false),
                 Err(e) => return Err(self.fault("read", key, &e)),
             };
@@ -401,8 +409,8 @@ impl Bucket {
     /// Fails when the server cannot be reached or refuses.
     pub fn list(&self, folder: &str) -> Result<Vec<Listed>, Fault> {
         let (objects, name) = (self.objects.clone(), self.name(folder)?);
-        let found = wait(async move { objects.list(Some(&name)).try_collect::<Vec<_>>().await })?;
-        self.of_listing(folder, found)
+        let list = move || async move { objects.list(Some(&name)).try_collect::<Vec<_>>().await };
+        self.of_listing(folder, list)
     }
 
     /// The objects of the folder `folder`, not those of folders in it.
@@ -411,20 +419,29 @@ impl Bucket {
     /// Fails when the server cannot be reached or refuses.
     pub fn list_flat(&self, folder: &str) -> Result<Vec<Listed>, Fault> {
         let (objects, name) = (self.objects.clone(), self.name(folder)?);
-        let found = wait(async move { objects.list_with_delimiter(Some(&name)).await })?;
-        self.of_listing(folder, found.map(|list| list.objects))
+        let list = move || async move { objects.list_with_delimiter(Some(&name)).await.map(|list| list.objects) };
+        self.of_listing(folder, list)
     }
 
-    fn of_listing(&self, folder: &str, found: Result<Vec<ObjectMeta>, Error>) -> Result<Vec<Listed>, Fault> {
-        match found {
-            Ok(found) => {
-                let mut all: Vec<Listed> = found.iter().filter_map(|about| listed(about, &self.address.key)).collect();
-                all.sort_by(|a, b| a.key.cmp(&b.key));
-                Ok(all)
+    fn of_listing<F>(&self, folder: &str, list: impl FnOnce() -> F + Clone) -> Result<Vec<Listed>, Fault>
+    where
+        F: Future<Output = Result<Vec<ObjectMeta>, Error>> + Send + 'static,
+    {
+        for trial in 0..TRIALS {
+            pause(trial);
+            match wait(list.clone()())? {
+                Ok(found) => {
+                    let mut all: Vec<Listed> =
+                        found.iter().filter_map(|about| listed(about, &self.address.key)).collect();
+                    all.sort_by(|a, b| a.key.cmp(&b.key));
+                    return Ok(all);
+                }
+                Err(e) if is_cut(&e) => {}
+                Err(e) if is_missing(&e) => return Ok(vec![]),
+                Err(e) => return Err(self.fault("list", folder, &e)),
             }
-            Err(e) if is_missing(&e) => Ok(vec![]),
-            Err(e) => Err(self.fault("list", folder, &e)),
         }
+        Err(self.cut(folder))
     }
 
     /// Removes an object; one that is not there is removed already.
