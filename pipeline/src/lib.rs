@@ -16,6 +16,7 @@ pub mod keys;
 pub mod plan;
 pub mod predicate;
 pub mod release;
+mod remote;
 pub mod run;
 pub mod sources;
 pub mod spec;
@@ -41,7 +42,11 @@ pub fn read_spec(path: &Path, sets: &[String]) -> Result<Spec, Faults> {
     })?;
     let folder =
         path.parent().map(Path::to_owned).filter(|p| !p.as_os_str().is_empty()).unwrap_or_else(|| PathBuf::from("."));
-    Spec::parse(&file, folder, text, sets)
+    let spec = Spec::parse(&file, folder, text, sets)?;
+    if let Some((address, at)) = &spec.store_at {
+        store::prepared(address).map_err(|fault| spec.faults(vec![fault.at(at.clone())]))?;
+    }
+    Ok(spec)
 }
 
 pub use cli::main;

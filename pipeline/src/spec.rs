@@ -15,6 +15,7 @@ use toml::{
     de::{DeTable, DeValue},
 };
 
+use crate::remote::{Address, Place, cache, place, supported};
 pub use course::{Course, Fate, Row, Scored, best};
 pub use faults::Faults;
 use publish::{Protection, PublishFacts};
@@ -41,6 +42,8 @@ pub struct Spec {
     pub seed: u64,
     /// The store's folder.
     pub store: PathBuf,
+    /// Its address and where that stands, where it is in an object store; the folder is then its copy.
+    pub store_at: Option<(Address, Span)>,
     /// Tables read from files.
     pub tables: Vec<SourceDecl>,
     /// The axes of the sweep, those that are searched at the end.
@@ -228,7 +231,7 @@ impl Reading {
         }
         let name = self.name_of(root, file);
         let seed = self.seed(root);
-        let store = self.store(root);
+        let (store, store_at) = self.store(root);
         let tables = self.named(root, "tables").iter().filter_map(|(n, v)| self.source(n, v)).collect();
         let axes: Vec<Axis> = self.named(root, "axes").iter().filter_map(|(n, v)| self.axis(n, v)).collect();
         let search = self.search(root, seed, &axes);
@@ -239,6 +242,7 @@ impl Reading {
         let spec = Spec {
             file: file.to_owned(),
             store,
+            store_at,
             folder,
             text: text.to_owned(),
             sets: vec![],
@@ -278,12 +282,24 @@ impl Reading {
         self.identifier(&name, at).then_some(name)
     }
 
-    /// The store's folder, as it is given.
-    fn store(&mut self, root: &DeTable) -> String {
-        let Some((store, at)) = self.text(root, "store") else { return "store".to_owned() };
-        let wrong = if store.contains("://") {
-            Some("this version keeps its store in a folder")
-        } else if store.trim().is_empty() {
+    /// The store's folder, as it is given, or that of its copy and its address.
+    fn store(&mut self, root: &DeTable) -> (PathBuf, Option<(Address, Span)>) {
+        let Some((store, at)) = self.text(root, "store") else { return ("store".into(), None) };
+        if store.contains("://") {
+            let found = place(&store).and_then(|place| match place {
+                Place::Path(path) => Ok((path, None)),
+                Place::Object(address) => {
+                    supported()?;
+                    Ok((cache::of_store(&address)?, Some((address, at.clone()))))
+                }
+            });
+            return found.unwrap_or_else(|fault| {
+                // What stands there may be a password, and is not shown.
+                self.faults.push(if store.contains('@') { fault } else { fault.at(at) });
+                ("store".into(), None)
+            });
+        }
+        let wrong = if store.trim().is_empty() {
             Some("name a folder, such as `store`; `.` is the folder of the spec")
         } else if store.chars().any(char::is_control) {
             Some("name a folder without line breaks and other control characters")
@@ -295,7 +311,7 @@ impl Reading {
         if let Some(help) = wrong {
             self.faults.push(Fault::new(format!("the store `{}` is not a folder", plain(&store))).help(help).at(at));
         }
-        store
+        (store.into(), None)
     }
 
     /// The table `publish`.

@@ -39,7 +39,7 @@ use crate::{
     run::{self, Event, Listener, Summary},
     sources::{self, Flights, ReadStep},
     spec::{Faults, Spec, search_reference},
-    store::Store,
+    store::{self, Store, pulled},
     views::{self, score_table, scores, warnings},
 };
 
@@ -107,7 +107,8 @@ enum Command {
     Gc(tend::GcArgs),
     /// Verify every byte of a store, and quarantine damaged files; or check a published data set.
     Verify {
-        /// The folder of a published data set, or of a store.
+        /// The folder of a published data set, or of a store, or the address of a store.
+        #[arg(value_parser = located)]
         folder: Option<PathBuf>,
         #[command(flatten)]
         store: tend::StoreArgs,
@@ -116,8 +117,8 @@ enum Command {
     Lineage {
         /// The table, as PIPELINE.TABLE.
         table: String,
-        /// The store's folder.
-        #[arg(long, default_value = "store")]
+        /// The store's folder, or its address such as s3://BUCKET/PREFIX.
+        #[arg(long, default_value = "store", value_parser = located)]
         store: PathBuf,
         /// The output form.
         #[arg(long, value_enum, default_value_t)]
@@ -229,6 +230,11 @@ struct RunArgs {
     /// No progress, no notes and no tables: only errors, and one line if results are marked.
     #[arg(short, long)]
     quiet: bool,
+}
+
+/// The folder of a store that is named by its path or address.
+fn located(text: &str) -> Result<PathBuf, String> {
+    store::located(text).map_err(|fault| fault.to_string())
 }
 
 /// What computes a run.
@@ -345,7 +351,8 @@ pub fn main(catalogue: &[Entry]) -> ExitCode {
         Command::Gc(args) => tend::gc(&args),
         Command::Verify { folder, store } => verify(folder, &store),
         Command::Lineage { table, store, format } => {
-            views::lineage(&store, &table, format).map_err(Stop::from).and_then(say)
+            let found = pulled(&store).and_then(|()| views::lineage(&store, &table, format));
+            found.map_err(Stop::from).and_then(say)
         }
         Command::Stages { name, markdown } => stages(catalogue, name.as_deref(), markdown),
         Command::Report(args) => report::run(catalogue, &args),
@@ -611,7 +618,7 @@ fn table_of(summary: &Summary) -> String {
             c.skipped.to_string(),
         ]);
     }
-    crate::views::text::columns(&rows, 1) + &format!("\ntables are in {}\n", summary.folder.display())
+    crate::views::text::columns(&rows, 1) + &format!("\ntables are in {}\n", store::shown_below(&summary.folder))
 }
 
 /// The pooled scores of each table of scores, as wide as the terminal.

@@ -8,8 +8,11 @@ use clap::Args;
 use schemas::Fault;
 use stages::trained::Learned;
 
-use super::{Stop, say::err, temporary::Temporary};
-use crate::views::sql::{Question, Sink, memory, sql};
+use super::{Stop, located, say::err, temporary::Temporary};
+use crate::{
+    store::pulled,
+    views::sql::{Question, Sink, memory, sql},
+};
 
 #[derive(Args)]
 pub struct OnnxArgs {
@@ -18,8 +21,8 @@ pub struct OnnxArgs {
     /// A condition in SQL on the axes, such as "model = 'm2c' AND mag = 'mag_4_uc'"; needed where the table has several models.
     #[arg(long = "where", value_name = "CONDITION")]
     condition: Option<String>,
-    /// The store's folder.
-    #[arg(long, default_value = "store")]
+    /// The store's folder, or its address such as s3://BUCKET/PREFIX.
+    #[arg(long, default_value = "store", value_parser = located)]
     store: PathBuf,
     /// The file to write.
     #[arg(short, long)]
@@ -59,6 +62,7 @@ pub fn run(args: &OnnxArgs) -> Result<(), Stop> {
     let spill = Temporary::new(std::env::temp_dir().join(format!("magline-onnx-{}", std::process::id())));
     let question =
         Question { store: &args.store, query: &query, memory: memory::by_default(), spill: spill.path().to_owned() };
+    pulled(&args.store)?;
     let mut terms = Terms::default();
     sql(&question, &mut terms)?;
     let mut sorted = terms.names.clone();

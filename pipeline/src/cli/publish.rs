@@ -1,15 +1,16 @@
 //! `magline publish`, and `magline verify` of a published data set.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use clap::Args;
 use schemas::Entry;
 use serde_json::json;
 
-use super::{SpecArgs, Stop, counted, note, say, with_graph};
+use super::{SpecArgs, Stop, counted, note, say, temporary::Temporary, with_graph};
 use crate::{
     read_spec,
     release::{self, Published, Request},
+    remote::{Place, place, supported},
     views::report,
 };
 
@@ -20,9 +21,9 @@ pub struct PublishArgs {
     /// The tables: those of stages, and those that are read from files.
     #[arg(required = true)]
     tables: Vec<String>,
-    /// The folder of the data set, which must be new or empty.
+    /// The folder of the data set, or its address such as s3://BUCKET/NAME, which must be new or empty.
     #[arg(long)]
-    to: PathBuf,
+    to: String,
     /// Replace a published data set that is there.
     #[arg(long)]
     replace: bool,
@@ -42,31 +43,42 @@ pub fn run(catalogue: &[Entry], args: &PublishArgs) -> Result<(), Stop> {
     let spec = read_spec(&args.spec.spec, &args.spec.sets)?;
     release::facts(&spec)?;
     report::was_run(&spec)?;
-    let request = Request {
-        tables: &args.tables,
-        to: &args.to,
-        replace: args.replace,
-        include_restricted: args.include_restricted,
+    let (to, address) = match place(&args.to)? {
+        Place::Path(path) => (path, None),
+        Place::Object(address) => {
+            supported()?;
+            // The name of the data set, in a folder of its own.
+            let name = address.key.rsplit('/').next().filter(|name| !name.is_empty()).unwrap_or("set").to_owned();
+            (std::env::temp_dir().join(format!("magline-publish-{}", std::process::id())).join(name), Some(address))
+        }
     };
-    super::threads::pool(args.threads)?.install(|| {
+    let draft = address.as_ref().and_then(|_| to.parent()).map(|folder| Temporary::new(folder.to_owned()));
+    let request =
+        Request { tables: &args.tables, to: &to, replace: args.replace, include_restricted: args.include_restricted };
+    let answer = super::threads::pool(args.threads)?.install(|| {
         with_graph(catalogue, &args.spec, |graph, store| {
-            let done = release::release(graph, store, &request)?;
+            let mut done = release::release(graph, store, &request)?;
+            if let Some(address) = &address {
+                done.written = release::upload(&to, address, args.replace)?;
+            }
             Ok(if args.json { as_json(&done, &args.to) } else { as_text(&done, &args.to) })
         })
-    })
+    });
+    drop(draft);
+    answer
 }
 
-fn as_json(done: &Published, to: &Path) -> String {
+fn as_json(done: &Published, to: &str) -> String {
     let tables: Vec<_> =
         done.tables.iter().map(|(name, rows, files)| json!({ "table": name, "rows": rows, "files": files })).collect();
     let text = json!({
-        "to": to.display().to_string(), "written": done.written, "files": done.files, "run": done.run, "tables": tables,
+        "to": to, "written": done.written, "files": done.files, "run": done.run, "tables": tables,
         "failures": done.failures, "restricted": done.restricted,
     });
     format!("{text}\n")
 }
 
-fn as_text(done: &Published, to: &Path) -> String {
+fn as_text(done: &Published, to: &str) -> String {
     let mut text = String::new();
     for (name, rows, files) in &done.tables {
         let (rows, files) = (counted(usize::try_from(*rows).unwrap_or(usize::MAX), "row"), counted(*files, "file"));
@@ -74,9 +86,9 @@ fn as_text(done: &Published, to: &Path) -> String {
     }
     let files = counted(done.files, "file");
     text += &if done.written {
-        format!("wrote {}, {files}\n", to.display())
+        format!("wrote {to}, {files}\n")
     } else {
-        format!("{} is the same data set already, {files}\n", to.display())
+        format!("{to} is the same data set already, {files}\n")
     };
     if done.failures > 0 {
         note(&format!(

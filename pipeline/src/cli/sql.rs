@@ -12,11 +12,14 @@ use clap::Args;
 use schemas::Fault;
 
 use super::{
-    Stop, answer,
+    Stop, answer, located,
     say::err,
     temporary::{self, Temporary},
 };
-use crate::views::sql::{Question, Sink, memory, sql};
+use crate::{
+    store::pulled,
+    views::sql::{Question, Sink, memory, sql},
+};
 
 /// The arguments of a query.
 #[derive(Args)]
@@ -27,8 +30,8 @@ pub struct SqlArgs {
     /// A file that contains the query.
     #[arg(short, long)]
     file: Option<PathBuf>,
-    /// The store's folder.
-    #[arg(long, default_value = "store")]
+    /// The store's folder, or its address such as s3://BUCKET/PREFIX.
+    #[arg(long, default_value = "store", value_parser = located)]
     store: PathBuf,
     /// The form of the result.
     #[arg(long, value_enum, default_value_t)]
@@ -57,6 +60,7 @@ pub fn run(args: &SqlArgs) -> Result<(), Stop> {
         outside(output, &args.store)?;
     }
     let query = query(args)?;
+    pulled(&args.store)?;
     let spill = Temporary::new(std::env::temp_dir().join(format!("magline-sql-{}", std::process::id())));
     let question = Question {
         store: &args.store,

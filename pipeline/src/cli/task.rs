@@ -12,7 +12,7 @@ use clap::Args;
 use schemas::{Entry, Fault, render};
 
 use super::{
-    SpecArgs, Stop, counted, interrupt, is_quiet, note, open, plan,
+    SpecArgs, Stop, counted, interrupt, is_quiet, located, note, open, plan,
     progress::Progress,
     say::{err, out},
     tend::age,
@@ -52,8 +52,8 @@ pub struct TasksArgs {
 /// The arguments of `task`.
 #[derive(Args)]
 pub struct TaskArgs {
-    /// The store's folder.
-    #[arg(long, default_value = "store")]
+    /// The store's folder, or its address such as s3://BUCKET/PREFIX.
+    #[arg(long, default_value = "store", value_parser = located)]
     store: PathBuf,
     /// The tasks; by default those on standard input, one a line.
     #[arg(value_name = "TASK")]

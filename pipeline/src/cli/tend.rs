@@ -8,23 +8,23 @@ use std::{
 use clap::Args;
 use schemas::Fault;
 
-use super::{Stop, counted, progress::Progress, say};
+use super::{Stop, counted, located, progress::Progress, say};
 use crate::{
-    store::{Store, tend},
+    store::{Store, is_copy, pulled, shown, tend},
     views::{history, text},
 };
 
 /// A store.
 #[derive(Args)]
 pub struct StoreArgs {
-    /// The store's folder.
-    #[arg(long, default_value = "store")]
+    /// The store's folder, or its address such as s3://BUCKET/PREFIX.
+    #[arg(long, default_value = "store", value_parser = located)]
     store: PathBuf,
 }
 
 /// Whether a folder is that of a store.
 pub fn is_store(folder: &Path) -> bool {
-    folder.join("STORE").is_file()
+    folder.join("STORE").is_file() || is_copy(folder)
 }
 
 impl StoreArgs {
@@ -35,9 +35,10 @@ impl StoreArgs {
 
     /// The store, which must be there.
     fn open(&self) -> Result<Store, Fault> {
-        if !is_store(&self.store) {
-            let fault = Fault::new(format!("there is no store {}", self.store.display()));
-            return Err(fault.help("name its folder with `--store`"));
+        pulled(&self.store)?;
+        if !self.store.join("STORE").is_file() {
+            let fault = Fault::new(format!("there is no store {}", shown(&self.store)));
+            return Err(fault.help("name its folder or address with `--store`"));
         }
         Store::open(&self.store)
     }

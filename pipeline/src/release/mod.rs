@@ -26,6 +26,7 @@ mod readme;
 mod ro_crate;
 mod set;
 mod tables;
+mod upload;
 mod verify;
 mod words;
 
@@ -42,6 +43,7 @@ use crate::{
     keys::{Key, arithmetic_in_words},
     plan::{Graph, Plan},
     run::run_id,
+    sources,
     spec::{
         Spec,
         publish::{EXAMPLE, PublishFacts},
@@ -51,6 +53,7 @@ use crate::{
 };
 use folder::Draft;
 use set::{About, Dictionary, FORMAT, Failed, Lock, Person, Set, Stage, Table};
+pub use upload::upload;
 pub use verify::{Verified, verify};
 
 /// What is asked for.
@@ -145,7 +148,7 @@ pub fn release(graph: &Graph, store: &Store, request: &Request) -> Result<Publis
     let dictionary = Dictionary { format: FORMAT.to_owned(), about, tables, restricted, failures };
     let set = Set { dictionary, lock: lock(graph, inputs)? };
     if let Some(file) = &facts.licence_file {
-        let path = spec.folder.join(file);
+        let path = sources::file(file, &spec.folder)?;
         let text =
             fs::read(&path).map_err(|e| Fault::new(format!("cannot read the licence {}: {e}", path.display())))?;
         write(root, words::LICENCE, &text)?;

@@ -112,6 +112,7 @@ impl Parts {
     fn open(version: &Version, table: &str) -> Result<Parts, Fault> {
         let listed = version.manifest.tables.iter().find(|t| t.name == table);
         let listed = listed.ok_or_else(|| Fault::machine(format!("the store has no table `{table}`")))?;
+        version.at_hand(listed)?;
         let open = |path: &Path| {
             Sealed::open(path).map_err(|e| Fault::machine(format!("cannot read {}: {e}", path.display())))
         };

@@ -10,16 +10,18 @@ use datasets::FlightOptions;
 use schemas::Fault;
 
 use super::flight_formats;
+use crate::remote::{self, Address, Place, place};
 
 /// The files that `path` means: a file, a folder (all files in it, sorted, without hidden ones) or a glob.
 ///
 /// # Errors
 /// Fails when there are none.
 pub fn find(path: &str, folder: &Path, any_name: bool) -> Result<Vec<PathBuf>, Fault> {
-    if path.contains("://") {
-        let help = "copy the files into a folder; this version reads files, folders and globs";
-        return Err(Fault::new(format!("cannot read from `{path}`")).help(help));
-    }
+    let path = match place(path)? {
+        Place::Object(address) => return objects(&address, any_name),
+        Place::Path(path) => path.to_string_lossy().into_owned(),
+    };
+    let path = path.as_str();
     let full = folder.join(path);
     let mut found = vec![];
     // A name with brackets is first tried literally.
@@ -42,11 +44,32 @@ pub fn find(path: &str, folder: &Path, any_name: bool) -> Result<Vec<PathBuf>, F
         return Err(Fault::new(format!("there is no file or folder {}", full.display())));
     }
     if found.is_empty() {
-        let known: Vec<&str> = flight_formats().iter().flat_map(|f| f.extensions).copied().collect();
-        let fault = Fault::new(format!("there are no flight files in {}", full.display()));
-        return Err(fault.help(format!("looked for names that end in {}", known.join(", "))));
+        return Err(none(&full.display()));
     }
     Ok(found)
+}
+
+fn none(place: &dyn std::fmt::Display) -> Fault {
+    let known: Vec<&str> = flight_formats().iter().flat_map(|f| f.extensions).copied().collect();
+    let fault = Fault::new(format!("there are no flight files in {place}"));
+    fault.help(format!("looked for names that end in {}", known.join(", ")))
+}
+
+/// The copies of the objects that `address` means.
+fn objects(address: &Address, any_name: bool) -> Result<Vec<PathBuf>, Fault> {
+    let found = remote::find(address, &|name| any_name || is_flight(Path::new(name)))?;
+    if found.is_empty() { Err(none(address)) } else { Ok(found) }
+}
+
+/// The file that a spec names: one in `folder`, or the copy of an object.
+///
+/// # Errors
+/// Fails for an address that is not known, an object that is not there, and a server that cannot be reached or refuses.
+pub fn file(path: &str, folder: &Path) -> Result<PathBuf, Fault> {
+    match place(path)? {
+        Place::Path(path) => Ok(folder.join(path)),
+        Place::Object(address) => remote::fixed(&address),
+    }
 }
 
 /// Removes the files that were written to less than `settle` ago, and says which; for a clock that is behind, all that

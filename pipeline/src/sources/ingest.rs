@@ -239,6 +239,7 @@ fn index(store: &Store, file: &FlightFile, how: &How, tick: LineTick) -> Result<
     let note = store.root().join("sources").join(format!("{key}.json"));
     let quality = store.root().join("quality").join(key);
     let figures = quality.join("part-0.parquet");
+    store.bring(&note)?;
     let known: Option<Index> = fs::read(&note).ok().and_then(|b| record::unsealed(&b));
     file.keep(store);
     let whole =

@@ -31,7 +31,7 @@ use datasets::{AnomalyGrid, MapOptions, map_files, read_grid};
 use schemas::{Column, Fault, Shape, Table, canonical::Canonical, describe_field};
 
 pub use bytes::{Bytes, Trust, fingerprint};
-pub use files::{find, hive, walk};
+pub use files::{file, find, hive, walk};
 use flight_file::FlightFile;
 pub use formats::{flight_formats, open_flight, open_log};
 pub use ingest::LineRecord;
@@ -42,7 +42,12 @@ pub use options::{AUTO, MappingOptions, ModelOptions, WHOLE, division};
 use options::{Files, flight_options, map_options, spelt};
 pub use quality::{Check, Finding};
 
-use crate::{keys::Key, spec::SourceDecl, store::Store};
+use crate::{
+    keys::Key,
+    remote::{self, Place, cache, place},
+    spec::SourceDecl,
+    store::Store,
+};
 
 /// Raised when what ingest writes changes.
 const VERSION: &str = "ingest 2";
@@ -142,6 +147,10 @@ impl Flights {
         let (mut files, mut notes) = (vec![], Vec::from_iter(young.map(|what| format!("`{}`: {what}", decl.name))));
         let threads = threads_in_each(found.len());
         for path in found {
+            // What it names beside it is an object too.
+            if let Some(other) = mapped.as_ref().and_then(|m| m.beside(&path)) {
+                remote::beside(&other).map_err(|fault| vec![placed(fault)])?;
+            }
             let opened = FlightFile::open(&path, files::hive(&path, &options), mapped.as_ref(), threads, trust);
             let opened = opened.map_err(|e| vec![Fault::from(e)]);
             match opened.and_then(|(file, r)| Ok((Canonical::new(&r.schema)?, r.notes, file))) {
@@ -151,9 +160,7 @@ impl Flights {
                     files.push(file);
                 }
                 Err(wrong) => faults.extend(
-                    wrong
-                        .into_iter()
-                        .map(|f| if shown(&f) { f } else { placed(f.in_file(&path.display().to_string())) }),
+                    wrong.into_iter().map(|f| if shown(&f) { f } else { placed(f.in_file(&cache::shown(&path))) }),
                 ),
             }
         }
@@ -351,7 +358,11 @@ impl MapSource {
 
 /// The file or folder of a table, which must exist.
 fn existing(decl: &SourceDecl, folder: &std::path::Path) -> Result<PathBuf, Vec<Fault>> {
-    let path = folder.join(&decl.path.0);
+    let at = |fault: Fault| vec![fault.at(decl.path.1.clone())];
+    let path = match place(&decl.path.0).map_err(at)? {
+        Place::Path(path) => folder.join(path),
+        Place::Object(address) => return remote::whole(&address).map_err(at),
+    };
     if path.exists() {
         return Ok(path);
     }

@@ -6,6 +6,7 @@ use datasets::{FlightOptions, MapOptions};
 use schemas::{Fault, Lists, Params, Reader, params};
 
 use super::{
+    files::file,
     line_table::{Division, LineTable},
     mapping::{Mapped, Mapping, is_shown},
 };
@@ -51,7 +52,11 @@ pub const AUTO: &str = "auto";
 /// # Errors
 /// Fails as [`LineTable::read`].
 pub fn division(name: &str, folder: &Path) -> Result<Division, Fault> {
-    if name == AUTO { Ok(Division::Found) } else { LineTable::read(&folder.join(name)).map(Division::Table) }
+    if name == AUTO {
+        Ok(Division::Found)
+    } else {
+        file(name, folder).and_then(|path| LineTable::read(&path)).map(Division::Table)
+    }
 }
 
 /// The line of a file that is divided.

@@ -10,36 +10,69 @@ use std::{
     fs::{self, OpenOptions},
     io::{self, Write},
     path::{Path, PathBuf},
-    sync::{Mutex, MutexGuard, PoisonError},
+    sync::{Arc, Mutex, MutexGuard, PoisonError},
     time::Duration,
 };
 
 use schemas::Fault;
 
-use super::{Store, tend::is_old, trouble, unfinished::kernel};
+use super::{Store, remote::Remote, tend::is_old, trouble, unfinished::kernel};
 use crate::{clock, keys::Key};
 
 /// The folder of a store that holds them.
 pub const FOLDER: &str = "attempts";
 
-/// The files of this process.
-static UNDER_WAY: Mutex<Vec<PathBuf>> = Mutex::new(vec![]);
+/// Where an attempt is written down.
+#[derive(Clone)]
+enum Marker {
+    File(PathBuf),
+    /// The name of an object.
+    Object(Arc<Remote>, String),
+}
 
-fn under_way() -> MutexGuard<'static, Vec<PathBuf>> {
+impl Marker {
+    fn is(&self, other: &Marker) -> bool {
+        match (self, other) {
+            (Marker::File(a), Marker::File(b)) => a == b,
+            (Marker::Object(_, a), Marker::Object(_, b)) => a == b,
+            (Marker::File(_), Marker::Object(..)) | (Marker::Object(..), Marker::File(_)) => false,
+        }
+    }
+
+    fn remove(&self) {
+        // What cannot be removed counts as an attempt that was lost, which costs one of those that the unit has.
+        match self {
+            Marker::File(file) => {
+                let _ = fs::remove_file(file);
+                let _ = file.parent().map(fs::remove_dir);
+            }
+            Marker::Object(remote, key) => drop(remote.bucket().remove(key)),
+        }
+    }
+
+    /// Adds a line, after what it says already.
+    fn add(&self, before: &str, line: &str) {
+        // Without it the worker counts as lost.
+        match self {
+            Marker::File(file) => {
+                drop(OpenOptions::new().append(true).open(file).and_then(|mut file| file.write_all(line.as_bytes())));
+            }
+            Marker::Object(remote, key) => drop(remote.bucket().put(key, format!("{before}{line}").into_bytes())),
+        }
+    }
+}
+
+/// Those of this process.
+static UNDER_WAY: Mutex<Vec<Marker>> = Mutex::new(vec![]);
+
+fn under_way() -> MutexGuard<'static, Vec<Marker>> {
     UNDER_WAY.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Takes back the attempts that this process has begun: it was told to stop, which is not the fault of a unit.
 pub fn withdraw() {
-    for file in std::mem::take(&mut *under_way()) {
-        remove(&file);
-    }
-}
-
-fn remove(file: &Path) {
-    // What cannot be removed counts as an attempt that was lost, which costs one of those that the unit has.
-    let _ = fs::remove_file(file);
-    let _ = file.parent().map(fs::remove_dir);
+    let all = std::mem::take(&mut *under_way());
+    all.iter().for_each(Marker::remove);
 }
 
 /// The beginning of the line of a file that says why the unit has no answer.
@@ -47,25 +80,27 @@ const WHY: &str = "failed: ";
 
 /// An attempt to compute a unit.
 #[must_use]
-pub struct Attempt(PathBuf);
+pub struct Attempt {
+    marker: Marker,
+    who: String,
+}
 
 impl Attempt {
     /// The unit has its answer, or the worker stops.
     pub fn end(self) {
         self.leave();
-        remove(&self.0);
+        self.marker.remove();
     }
 
     /// The worker lives, and the unit has no answer.
     pub fn fail(self, why: &Fault) {
         self.leave();
         let line = format!("{WHY}{}\n", why.to_string().replace('\n', " "));
-        // Without it the worker counts as lost.
-        let _ = OpenOptions::new().append(true).open(&self.0).and_then(|mut file| file.write_all(line.as_bytes()));
+        self.marker.add(&self.who, &line);
     }
 
     fn leave(&self) {
-        under_way().retain(|file| *file != self.0);
+        under_way().retain(|marker| !marker.is(&self.marker));
     }
 }
 
@@ -82,9 +117,13 @@ pub struct Tries {
 
 impl Tries {
     fn of(folder: &Path) -> Tries {
+        let text = |n: u64| fs::read_to_string(folder.join(n.to_string())).unwrap_or_default();
+        Tries::of_texts(numbers(folder).into_iter().map(text))
+    }
+
+    fn of_texts(texts: impl Iterator<Item = String>) -> Tries {
         let mut found = Tries::default();
-        for n in numbers(folder) {
-            let text = fs::read_to_string(folder.join(n.to_string())).unwrap_or_default();
+        for text in texts {
             match text.lines().find_map(|line| line.strip_prefix(WHY)) {
                 Some(why) => {
                     found.failed += 1;
@@ -107,6 +146,12 @@ fn numbers(folder: &Path) -> Vec<u64> {
     entries.filter_map(|e| e.file_name().to_str()?.parse().ok()).collect()
 }
 
+/// What an attempt in an object store says.
+fn said(remote: &Remote, name: &str) -> String {
+    let bytes = remote.bucket().get(name).ok().flatten().unwrap_or_default();
+    String::from_utf8_lossy(&bytes).into_owned()
+}
+
 impl Store {
     fn attempts_at(&self, key: Key) -> PathBuf {
         self.root().join(FOLDER).join(key.to_string())
@@ -114,11 +159,25 @@ impl Store {
 
     /// The attempts at the unit `key`.
     pub fn attempts_of(&self, key: Key) -> Tries {
+        if let Some(remote) = self.remote() {
+            let found = remote.attempts_at(key).unwrap_or_default();
+            return Tries::of_texts(found.iter().map(|(_, name)| said(remote, name)));
+        }
         Tries::of(&self.attempts_at(key))
     }
 
     /// The attempts at all units that have any.
     pub fn attempts(&self) -> HashMap<Key, Tries> {
+        if let Some(remote) = self.remote() {
+            let all = remote.bucket().list(FOLDER).unwrap_or_default();
+            let mut texts: HashMap<Key, Vec<String>> = HashMap::new();
+            for object in all {
+                if let Some(key) = object.key.split('/').nth(1).and_then(Key::parse) {
+                    texts.entry(key).or_default().push(said(remote, &object.key));
+                }
+            }
+            return texts.into_iter().map(|(key, texts)| (key, Tries::of_texts(texts.into_iter()))).collect();
+        }
         let folders = fs::read_dir(self.root().join(FOLDER)).into_iter().flatten().flatten();
         let one = |e: fs::DirEntry| Some((Key::parse(e.file_name().to_str()?)?, Tries::of(&e.path())));
         folders.filter_map(one).filter(|(_, tries)| tries.all() > 0).collect()
@@ -130,6 +189,21 @@ impl Store {
     /// Fails when the file system refuses.
     pub fn attempt(&self, key: Key) -> Result<Attempt, Fault> {
         const TRIALS: u64 = 1000;
+        let who = format!("{} process {} {}\n", kernel(), std::process::id(), clock::now());
+        if let Some(remote) = self.remote() {
+            // Each process and thread creates another text.
+            let who = format!("{} {}\n", who.trim_end(), uuid::Uuid::new_v4());
+            let first = remote.attempts_at(key)?.into_iter().map(|(n, _)| n).max().unwrap_or(0) + 1;
+            for n in first..first + TRIALS {
+                let name = format!("{FOLDER}/{key}/{n}");
+                if remote.bucket().create(&name, who.as_bytes())? {
+                    let marker = Marker::Object(remote.clone(), name);
+                    under_way().push(marker.clone());
+                    return Ok(Attempt { marker, who });
+                }
+            }
+            return Err(Fault::machine(format!("cannot find a free name for an attempt at {key}")));
+        }
         let folder = self.attempts_at(key);
         let fail = |e: io::Error| trouble("write", &folder, &e);
         let first = numbers(&folder).into_iter().max().unwrap_or(0) + 1;
@@ -138,10 +212,10 @@ impl Store {
             let file = folder.join(n.to_string());
             match OpenOptions::new().write(true).create_new(true).open(&file) {
                 Ok(mut opened) => {
-                    under_way().push(file.clone());
-                    let who = format!("{} process {} {}\n", kernel(), std::process::id(), clock::now());
+                    let marker = Marker::File(file);
+                    under_way().push(marker.clone());
                     opened.write_all(who.as_bytes()).map_err(fail)?;
-                    return Ok(Attempt(file));
+                    return Ok(Attempt { marker, who });
                 }
                 // Another worker began one, or ended the last one and removed the folder.
                 Err(e) if matches!(e.kind(), io::ErrorKind::AlreadyExists | io::ErrorKind::NotFound) => {}
@@ -153,6 +227,14 @@ impl Store {
 
     /// Removes the attempts at units that are `done`, and those as old as `older_than`.
     pub fn drop_attempts(&self, done: impl Fn(Key) -> bool, older_than: Option<Duration>) {
+        if let Some(remote) = self.remote() {
+            let gone = |name: &str, age: Duration| {
+                Key::parse(name).is_some_and(&done) || older_than.is_some_and(|than| age >= than)
+            };
+            // What stays is removed another time.
+            let _ = remote.drop_objects(FOLDER, &gone);
+            return;
+        }
         for folder in fs::read_dir(self.root().join(FOLDER)).into_iter().flatten().flatten() {
             let old = || older_than.is_some_and(|than| is_old(&folder.path(), than));
             if folder.file_name().to_str().and_then(Key::parse).is_some_and(&done) || old() {
@@ -177,13 +259,14 @@ mod tests {
         let count = |key| store.attempts_of(key).all();
         assert_eq!((count(one), store.attempts().len()), (0, 0));
         let (first, second) = (store.attempt(one).unwrap(), store.attempt(one).unwrap());
-        assert_ne!(first.0, second.0, "each has a file of its own");
+        assert!(!first.marker.is(&second.marker), "each has a file of its own");
         assert_eq!((count(one), count(two)), (2, 0));
         first.end();
         assert_eq!(store.attempts(), HashMap::from([(one, Tries { lost: 1, ..Tries::default() })]));
         // The number of one that ended may be taken again, that of one at work may not.
         let third = store.attempt(one).unwrap();
-        assert_eq!((count(one), third.0.file_name().unwrap().to_str()), (2, Some("3")));
+        let Marker::File(file) = &third.marker else { unreachable!("a store in a folder") };
+        assert_eq!((count(one), file.file_name().unwrap().to_str()), (2, Some("3")));
         third.fail(&Fault::bug("a\npanic"));
         let tries = store.attempts_of(one);
         assert_eq!((tries.lost, tries.failed), (1, 1));

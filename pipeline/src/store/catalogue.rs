@@ -10,9 +10,14 @@ use std::{
     time::UNIX_EPOCH,
 };
 
-use crate::keys::Key;
+use schemas::Fault;
 
-use super::sealed::{Sealed, Trouble, verify};
+use crate::{keys::Key, remote::each};
+
+use super::{
+    remote::Remote,
+    sealed::{Sealed, Trouble, verify},
+};
 
 /// The first bytes of the index.
 const MARK: &[u8; 16] = b"magline index 2\n";
@@ -127,6 +132,51 @@ impl Catalogue {
         Ok((all, damaged))
     }
 
+    /// The packs of a store in an object store, whose cache is the folder `root`, and the damaged ones. Of those that no index
+    /// knows the footers are read.
+    ///
+    /// # Errors
+    /// Fails when the server cannot be reached or refuses.
+    pub fn of_remote(root: &Path, remote: &Remote) -> Result<(Catalogue, Vec<(Key, String)>), Fault> {
+        let by_id = |packs: Vec<Pack>| packs.into_iter().map(|p| (p.id, p)).collect::<HashMap<Key, Pack>>();
+        let mut found = remote.packs()?;
+        found.sort_unstable();
+        let own = by_id(load(root).unwrap_or_default());
+        let is = |known: &HashMap<Key, Pack>, (id, size): &(Key, u64)| known.get(id).is_some_and(|p| p.size == *size);
+        let all_known = found.iter().all(|one| is(&own, one));
+        let shared = if all_known { HashMap::new() } else { by_id(remote.index()?.unwrap_or_default()) };
+        let (mut all, mut damaged) = (Catalogue::default(), vec![]);
+        let mut unknown = vec![];
+        for one in &found {
+            let known = [&shared, &own].into_iter().find(|known| is(known, one)).and_then(|known| known.get(&one.0));
+            match known {
+                Some(pack) => all.insert(Pack { modified_ns: 0, ..pack.clone() }),
+                None => unknown.push(*one),
+            }
+        }
+        let read = each(&unknown, |(id, size)| match remote.pack(*id, Some(*size)) {
+            Err(Trouble::Machine(why)) => Err(Fault::machine(why)),
+            other => Ok((*id, other)),
+        })?;
+        for (id, pack) in read {
+            match pack {
+                Ok(pack) => all.insert(pack),
+                Err(Trouble::Damaged(why) | Trouble::Machine(why)) => damaged.push((id, why)),
+                Err(Trouble::Gone) => {}
+            }
+        }
+        all.changed = !unknown.is_empty() || (!all_known && shared.len() != found.len());
+        Ok((all, damaged))
+    }
+
+    /// A catalogue of these packs.
+    pub fn of_packs(packs: Vec<Pack>) -> Catalogue {
+        let mut all = Catalogue::default();
+        packs.into_iter().for_each(|pack| all.insert(Pack { modified_ns: 0, ..pack }));
+        all.changed = false;
+        all
+    }
+
     /// The packs of the index of the store at `root`, as it is; `None` where it is missing or damaged.
     pub fn indexed(root: &Path) -> Option<Catalogue> {
         let mut all = Catalogue::default();
@@ -223,13 +273,17 @@ impl Catalogue {
 /// Fails when it is damaged, gone or cannot be read.
 pub fn read(root: &Path, id: Key, (size, modified_ns): (u64, u64)) -> Result<Pack, Trouble> {
     let file = path(root, id);
-    let (kind, units) = verify(&file).and_then(|()| Sealed::open(&file)).and_then(|s| units_of(&s))?;
+    let (kind, units) = verify(&file).and_then(|()| Sealed::open(&file)).and_then(|s| units_of(s.text(UNITS)))?;
     Ok(Pack { id, size, modified_ns, kind, units })
 }
 
 /// The contents of the index, if it is intact.
 fn load(root: &Path) -> Option<Vec<Pack>> {
-    let bytes = fs::read(root.join("index")).ok()?;
+    parse(&fs::read(root.join("index")).ok()?)
+}
+
+/// The packs that the bytes of an index list, if they are intact.
+pub fn parse(bytes: &[u8]) -> Option<Vec<Pack>> {
     let (body, sum) = bytes.split_at_checked(bytes.len().checked_sub(blake3::OUT_LEN)?)?;
     if blake3::hash(body).as_bytes() != sum {
         return None;
@@ -261,9 +315,12 @@ fn take<const N: usize>(rest: &mut &[u8]) -> Option<[u8; N]> {
     Some(*head)
 }
 
-/// The kind and the units of a file, from its footer.
-fn units_of(sealed: &Sealed) -> Result<(Key, Vec<Packed>), Trouble> {
-    let text = sealed.text(UNITS).ok_or_else(|| Trouble::Damaged("its list of units is missing".to_owned()))?;
+/// The kind and the units of a file, from what its footer says of them.
+///
+/// # Errors
+/// Fails where that is missing, or cannot be read.
+pub fn units_of(text: Option<&str>) -> Result<(Key, Vec<Packed>), Trouble> {
+    let text = text.ok_or_else(|| Trouble::Damaged("its list of units is missing".to_owned()))?;
     let read = || {
         let (kind, lines) = text.split_once('\n')?;
         let unit = |line: &str| {

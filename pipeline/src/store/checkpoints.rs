@@ -28,7 +28,11 @@ fn hash(state: &[u8]) -> blake3::Hash {
 impl Store {
     /// The state of a unit that an earlier run has not finished.
     pub fn checkpoint(&self, key: Key) -> Option<Vec<u8>> {
-        let bytes = fs::read(path(self.root(), key)).ok()?;
+        let bytes = match self.remote() {
+            // Another machine may have come further.
+            Some(remote) => remote.bucket().get(&format!("{FOLDER}/{key}")).ok()??,
+            None => fs::read(path(self.root(), key)).ok()?,
+        };
         let (sum, state) = bytes.split_at_checked(blake3::OUT_LEN)?;
         (hash(state).as_bytes() == sum).then(|| state.to_vec())
     }
@@ -44,6 +48,10 @@ impl Store {
     /// Removes the states of the units that are `done`, and those that have not been written to for as long as
     /// `older_than`.
     pub fn drop_checkpoints(&self, done: impl Fn(&str) -> bool, older_than: Option<Duration>) {
+        if let Some(remote) = self.remote() {
+            // What stays is removed another time.
+            let _ = remote.drop_objects(FOLDER, &|name, age| done(name) || older_than.is_some_and(|than| age >= than));
+        }
         for file in fs::read_dir(self.root().join(FOLDER)).into_iter().flatten().flatten() {
             let old = || older_than.is_some_and(|than| is_old(&file.path(), than));
             if file.file_name().to_str().is_some_and(&done) || old() {

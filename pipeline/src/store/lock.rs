@@ -25,15 +25,19 @@ use std::{
 use schemas::Fault;
 use serde::{Deserialize, Serialize};
 
-use super::{Store, trouble};
+use super::{
+    Store,
+    remote::{Remote, RemoteLease},
+    shown, trouble,
+};
 use crate::clock;
 
 /// The interval of the signs of life.
 const BEAT: Duration = Duration::from_secs(10);
 /// A holder on another host without a sign for so long is gone.
 pub const GONE_AFTER: Duration = Duration::from_secs(120);
-/// The interval of looking again while waiting.
-const LOOK_AGAIN: Duration = Duration::from_millis(200);
+/// The interval of looking again while waiting, at a lock of this machine and at one in an object store.
+const LOOK_AGAIN: [Duration; 2] = [Duration::from_millis(200), Duration::from_secs(3)];
 
 /// The process that holds a lock.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -51,9 +55,19 @@ pub struct Holder {
 }
 
 impl Holder {
-    fn this() -> Holder {
+    pub(super) fn this() -> Holder {
         let (host, boot) = (host(), boot());
         Holder { host, boot, pid: std::process::id(), since: clock::now(), free: false }
+    }
+
+    /// Whether it has released the lock.
+    pub(super) fn is_free(&self) -> bool {
+        self.free
+    }
+
+    /// Says that it has.
+    pub(super) fn release(&mut self) {
+        self.free = true;
     }
 }
 
@@ -90,7 +104,7 @@ impl Held {
     pub fn told(&self, pipeline: &str, root: &Path) -> String {
         let by = self.holder.as_ref().map(|h| format!(": {h}")).unwrap_or_default();
         let sign = self.silent.map(|s| format!(" (last sign {} s ago)", s.as_secs())).unwrap_or_default();
-        format!("another run of `{pipeline}` is at work in {}{by}{sign}", root.display())
+        format!("another run of `{pipeline}` is at work in {}{by}{sign}", shown(root))
     }
 }
 
@@ -109,6 +123,8 @@ pub struct Publisher {
     number: u64,
     text: String,
     heart: Heart,
+    /// That of the object store, where the folder is a copy of one.
+    lease: Option<Box<RemoteLease>>,
     _lock: File,
 }
 
@@ -148,6 +164,11 @@ fn numbers(folder: &Path, pipeline: &str) -> io::Result<Vec<u64>> {
 
 /// The number of the last lease of `pipeline` in the store at `root`, 0 before the first; `None` while it is held.
 pub fn generation(root: &Path, pipeline: &str) -> Option<u64> {
+    match Remote::of(root) {
+        Ok(Some(remote)) => return remote.generation(pipeline).ok().flatten(),
+        Ok(None) => {}
+        Err(_) => return None,
+    }
     match Lease::newest(&root.join("locks"), pipeline) {
         Ok(Some(lease)) => lease.holder.filter(|h| h.free).map(|_| lease.number),
         Ok(None) => Some(0),
@@ -218,7 +239,8 @@ impl Publisher {
 
     /// Whether no other process had the lock when its [`generation`] was `seen`, nor since.
     pub fn follows(&self, seen: Option<u64>) -> bool {
-        seen.is_some_and(|n| self.number == n.saturating_add(1))
+        let number = self.lease.as_ref().map_or(self.number, |lease| lease.number());
+        seen.is_some_and(|n| number == n.saturating_add(1))
     }
 
     /// Whether the lock is still this process'.
@@ -227,11 +249,15 @@ impl Publisher {
     /// Fails when another has taken it over.
     pub fn check(&self) -> Result<(), Fault> {
         let newest = numbers(&self.folder, &self.pipeline).ok().and_then(|n| n.last().copied());
-        if newest == Some(self.number) && !self.heart.shared.lost.load(Ordering::SeqCst) {
-            return Ok(());
-        }
-        let by = Lease::newest(&self.folder, &self.pipeline).ok().flatten().and_then(|l| l.holder);
-        let by = by.map_or_else(|| "another process".to_owned(), |h| h.to_string());
+        let by = if newest == Some(self.number) && !self.heart.shared.lost.load(Ordering::SeqCst) {
+            match self.lease.as_ref().map_or(Ok(None), |lease| lease.taken_by())? {
+                Some(by) => by,
+                None => return Ok(()),
+            }
+        } else {
+            let by = Lease::newest(&self.folder, &self.pipeline).ok().flatten().and_then(|l| l.holder);
+            by.map_or_else(|| "another process".to_owned(), |h| h.to_string())
+        };
         let seconds = GONE_AFTER.as_secs();
         let what =
             format!("the lock of `{}` was taken over by {by}, as this one gave no sign for {seconds} s", self.pipeline);
@@ -241,6 +267,8 @@ impl Publisher {
 
 impl Drop for Publisher {
     fn drop(&mut self) {
+        // Whoever has the lock of this cache next finds the lease free.
+        self.lease.take();
         *self.heart.shared.over.lock().unwrap_or_else(PoisonError::into_inner) = true;
         self.heart.shared.wake.notify_all();
         self.heart.thread.take().into_iter().for_each(|t| drop(t.join()));
@@ -264,6 +292,21 @@ impl Store {
     /// # Errors
     /// Fails when the file system refuses.
     pub fn lock(&self, pipeline: &str) -> Result<Lock, Fault> {
+        let mut publisher = match self.lock_here(pipeline)? {
+            Lock::Mine(publisher) => publisher,
+            held @ Lock::Held(_) => return Ok(held),
+        };
+        if let Some(remote) = self.remote() {
+            match remote.lease(pipeline)? {
+                Ok(lease) => publisher.lease = Some(Box::new(lease)),
+                Err(held) => return Ok(Lock::Held(held)),
+            }
+        }
+        Ok(Lock::Mine(publisher))
+    }
+
+    /// Takes the lock of `pipeline` in the store's folder, or says who holds it.
+    fn lock_here(&self, pipeline: &str) -> Result<Lock, Fault> {
         let folder = self.root().join("locks");
         let path = folder.join(format!("{pipeline}.lock"));
         let fail = |e: &dyn fmt::Display| trouble("lock", &path, e);
@@ -305,7 +348,15 @@ impl Store {
             .open(&to)
             .and_then(|file| Heart::start(&folder, pipeline, number, text.len() as u64, file))
             .map_err(|e| fail(&e))?;
-        Ok(Lock::Mine(Publisher { pipeline: pipeline.to_owned(), folder, number, text, heart, _lock: lock }))
+        Ok(Lock::Mine(Publisher {
+            pipeline: pipeline.to_owned(),
+            folder,
+            number,
+            text,
+            heart,
+            lease: None,
+            _lock: lock,
+        }))
     }
 
     /// Makes the file of a lease, whole; `false` where it exists.
@@ -332,6 +383,12 @@ impl Store {
         lease.map(|l| l.held(self.time_there().ok())).unwrap_or_default()
     }
 
+    /// How long to wait before asking for a lock again.
+    pub fn look_again(&self) -> Duration {
+        let [here, there] = LOOK_AGAIN;
+        if self.is_copy() { there } else { here }
+    }
+
     /// Takes the lock of `pipeline`; where another process holds it, waits for it or fails.
     ///
     /// # Errors
@@ -340,7 +397,7 @@ impl Store {
         loop {
             match self.lock(pipeline)? {
                 Lock::Mine(publisher) => return Ok(publisher),
-                Lock::Held(_) if wait => sleep(LOOK_AGAIN),
+                Lock::Held(_) if wait => sleep(self.look_again()),
                 Lock::Held(held) => {
                     let fault = Fault::machine(held.told(pipeline, self.root()));
                     return Err(fault.help("wait for it with --wait, or name another store"));

@@ -27,6 +27,7 @@ impl Store {
         };
         for id in ids {
             let file = catalogue::path(to, id);
+            self.at_hand(id)?;
             link(&self.file(id), &file).map_err(|e| trouble("write", &file, &e))?;
         }
         for part in SHARED {

@@ -21,6 +21,8 @@
 //! A file appears under its final name only when it is complete and on the disk, so that neither a run killed at any
 //! moment nor a loss of power leaves anything half-written to be read. Nothing but `tables/<pipeline>` is ever replaced
 //! by something else under the same name, so that a reader keeps the version it opened.
+//!
+//! A store in an object store is the same below an address; its folder is then a copy: see [`remote`].
 
 pub mod attempts;
 mod catalogue;
@@ -29,6 +31,7 @@ mod lock;
 mod mirror;
 mod objects;
 mod plans;
+mod remote;
 mod sealed;
 pub mod tend;
 #[cfg(test)]
@@ -58,6 +61,8 @@ use catalogue::{UNITS, stamp};
 pub use lock::{Held, Holder, Lock, Publisher, generation, host};
 use objects::{NOTES, Note};
 pub use objects::{NoteFault, Objects, Remarks};
+use remote::Remote;
+pub use remote::{is_copy, located, prepared, shown, shown_below};
 pub use sealed::{Sealed, verify};
 use unfinished::keep_lock;
 pub use unfinished::kernel;
@@ -140,6 +145,11 @@ impl Store {
     /// # Errors
     /// Fails when the folder cannot be written or holds something else.
     pub fn open(root: &Path) -> Result<Store, Fault> {
+        if let Some(remote) = Remote::of(root)?
+            && !remote.pull()?
+        {
+            remote.only_ours()?;
+        }
         Store::opened(root, Objects::open)
     }
 
@@ -149,9 +159,14 @@ impl Store {
     /// # Errors
     /// Fails when there is no store, or the folder cannot be written.
     pub fn join(root: &Path) -> Result<Store, Fault> {
-        if !root.join("STORE").is_file() {
-            let fault = Fault::new(format!("there is no store {}", root.display()));
-            return Err(fault.help("name its folder with `--store`"));
+        // A worker needs nothing of what changes.
+        let there = match Remote::of(root)? {
+            Some(remote) => remote.is_there()?,
+            None => root.join("STORE").is_file(),
+        };
+        if !there {
+            let fault = Fault::new(format!("there is no store {}", shown(root)));
+            return Err(fault.help("name its folder or address with `--store`"));
         }
         Store::opened(root, Objects::indexed)
     }
@@ -173,7 +188,7 @@ impl Store {
         };
         if !marked {
             // A run killed while it made the store leaves some of these folders and no mark.
-            let ours = |name: &str| PARTS.contains(&name) || name == "STORE" || name == "index";
+            let ours = |name: &str| PARTS.contains(&name) || ["STORE", "index", remote::MARK].contains(&name);
             let entries = fs::read_dir(root).map_err(fail)?.flatten();
             let strange = entries.into_iter().any(|e| !e.file_name().to_str().is_some_and(ours));
             if strange {
@@ -229,12 +244,34 @@ impl Store {
         self.tmp.join(self.next.fetch_add(1, Ordering::Relaxed).to_string())
     }
 
+    /// The object store that this is the copy of, where it is one.
+    fn remote(&self) -> Option<&Arc<Remote>> {
+        self.objects.remote()
+    }
+
+    /// Whether its folder is the copy of a store in an object store.
+    pub fn is_copy(&self) -> bool {
+        self.remote().is_some()
+    }
+
+    /// Sees to it that a file of the store is in its folder, if there is one.
+    ///
+    /// # Errors
+    /// Fails when an object store cannot be reached or refuses.
+    pub fn bring(&self, file: &Path) -> Result<(), Fault> {
+        let key = file.strip_prefix(&self.root).ok().and_then(Remote::key);
+        self.remote().zip(key).map_or(Ok(()), |(remote, key)| remote.bring_file(&key).map(drop))
+    }
+
     /// Renames a complete file to its final name, which is on the disk when this returns.
     ///
     /// # Errors
     /// Fails when the file system refuses.
     pub fn settle(&self, from: &Path, to: &Path) -> Result<(), Fault> {
         let fail = |e: io::Error| trouble("write", to, &e);
+        if let (Some(remote), Some(key)) = (self.remote(), to.strip_prefix(&self.root).ok().and_then(Remote::key)) {
+            remote.bucket().put_file(&key, from)?;
+        }
         if let Some(folder) = to.parent() {
             make_folder(folder).map_err(fail)?;
             fs::rename(from, to).map_err(fail)?;
@@ -329,6 +366,8 @@ impl Store {
         self.settle(&tmp, &to)?;
         let about = fs::metadata(&to).map_err(|e| trouble("read", &to, &e))?;
         let (size, modified_ns) = stamp(&about);
+        // Of a copy the time says nothing.
+        let modified_ns = if self.remote().is_some() { 0 } else { modified_ns };
         self.objects.add(Pack { id, size, modified_ns, kind, units: listed });
         Ok(())
     }
@@ -341,6 +380,14 @@ impl Store {
         let bytes = self.objects.catalogue_mut().to_write();
         bytes.map_or(Ok(()), |bytes| self.write(&self.root.join("index"), &bytes))
     }
+}
+
+/// Brings the copy of a store in an object store up to date, for who reads its folder; any other is so already.
+///
+/// # Errors
+/// Fails when the object store cannot be reached or refuses.
+pub fn pulled(root: &Path) -> Result<(), Fault> {
+    Remote::of(root)?.map_or(Ok(()), |remote| remote.pull().map(drop))
 }
 
 /// Whether a mark is that of another layout, and not this one's with a flipped bit.

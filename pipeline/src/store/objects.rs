@@ -17,9 +17,10 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     catalogue::{self, Catalogue, Pack, Place},
+    remote::Remote,
     sealed::{Sealed, Trouble},
 };
-use crate::keys::Key;
+use crate::{keys::Key, remote::each};
 
 /// The size of the cache of decoded columns, in bytes.
 const HELD_BYTES: usize = 16 << 20;
@@ -101,6 +102,8 @@ struct Footer {
 /// The packs of a store, for reading.
 pub struct Objects {
     root: PathBuf,
+    /// The object store that the folder is a copy of.
+    remote: Option<Arc<Remote>>,
     catalogue: RwLock<Catalogue>,
     footers: Mutex<HashMap<Key, Arc<Footer>>>,
     held: Mutex<Held>,
@@ -117,9 +120,13 @@ impl Objects {
     /// # Errors
     /// Fails when the folder cannot be read.
     pub fn open(root: &Path) -> Result<Objects, Fault> {
-        let (catalogue, damaged) = Catalogue::open(root)
-            .map_err(|e| Fault::machine(format!("cannot read the store {}: {e}", root.display())))?;
-        let objects = Objects::of(root, catalogue);
+        let remote = Remote::of(root)?;
+        let (catalogue, damaged) = match &remote {
+            Some(remote) => Catalogue::of_remote(root, remote)?,
+            None => Catalogue::open(root)
+                .map_err(|e| Fault::machine(format!("cannot read the store {}: {e}", root.display())))?,
+        };
+        let objects = Objects::of(root, catalogue, remote);
         damaged.into_iter().for_each(|(id, why)| objects.set_aside(id, &why));
         Ok(objects)
     }
@@ -129,12 +136,18 @@ impl Objects {
     /// # Errors
     /// Fails when the folder cannot be read.
     pub fn indexed(root: &Path) -> Result<Objects, Fault> {
-        Catalogue::indexed(root).map_or_else(|| Objects::open(root), |known| Ok(Objects::of(root, known)))
+        let remote = Remote::of(root)?;
+        let known = match &remote {
+            Some(remote) => remote.index()?.map(Catalogue::of_packs),
+            None => Catalogue::indexed(root),
+        };
+        known.map_or_else(|| Objects::open(root), |known| Ok(Objects::of(root, known, remote)))
     }
 
-    fn of(root: &Path, catalogue: Catalogue) -> Objects {
+    fn of(root: &Path, catalogue: Catalogue, remote: Option<Arc<Remote>>) -> Objects {
         Objects {
             root: root.to_owned(),
+            remote,
             catalogue: RwLock::new(catalogue),
             footers: Mutex::default(),
             held: Mutex::default(),
@@ -142,13 +155,44 @@ impl Objects {
         }
     }
 
+    /// The object store that the folder is a copy of, where it is one.
+    pub(super) fn remote(&self) -> Option<&Arc<Remote>> {
+        self.remote.as_ref()
+    }
+
+    /// Sees to it that the file of a pack is there.
+    ///
+    /// # Errors
+    /// Fails when an object store cannot be reached or refuses, or does not have it as it was written.
+    pub(super) fn at_hand(&self, id: Key) -> Result<(), Fault> {
+        self.reading(id, || Ok(()))
+    }
+
+    /// Reads from the file of a pack. Of an object store the copy is made first, and made again where it is damaged.
+    fn reading<T>(&self, id: Key, read: impl Fn() -> Result<T, Trouble>) -> Result<T, Fault> {
+        let Some(remote) = &self.remote else { return read().map_err(|e| self.fault(id, &e)) };
+        let size = self.catalogue().by_id(id).map(|pack| pack.size);
+        let first = remote.bring(id, size).and_then(|()| read());
+        let done = match first {
+            Err(Trouble::Damaged(_) | Trouble::Gone) => remote.bring_again(id).and_then(|()| read()),
+            done => done,
+        };
+        done.map_err(|e| self.fault(id, &e))
+    }
+
     /// Takes the pack `id` into the catalogue where another process has written it. Whether it is there and intact.
     pub fn adopt(&self, id: Key) -> bool {
         if self.catalogue().by_id(id).is_some() {
             return true;
         }
-        let Ok(about) = fs::metadata(self.file(id)) else { return false };
-        match catalogue::read(&self.root, id, catalogue::stamp(&about)) {
+        let found = match &self.remote {
+            Some(remote) => remote.pack(id, None),
+            None => match fs::metadata(self.file(id)) {
+                Ok(about) => catalogue::read(&self.root, id, catalogue::stamp(&about)),
+                Err(_) => return false,
+            },
+        };
+        match found {
             Ok(pack) => {
                 self.add(pack);
                 true
@@ -163,6 +207,13 @@ impl Objects {
 
     /// Takes all packs into the catalogue that other processes have written.
     pub fn refresh(&self) {
+        if let Some(remote) = &self.remote {
+            let mut unknown: Vec<Key> = remote.packs().unwrap_or_default().into_iter().map(|(id, _)| id).collect();
+            unknown.retain(|id| self.catalogue().by_id(*id).is_none());
+            // What cannot be read is not known.
+            let _ = each(&unknown, |id| Ok(self.adopt(*id)));
+            return;
+        }
         let folders = fs::read_dir(self.root.join("objects")).into_iter().flatten().flatten();
         for file in folders.flat_map(|folder| fs::read_dir(folder.path()).into_iter().flatten().flatten()) {
             let name = file.file_name();
@@ -208,11 +259,18 @@ impl Objects {
         let aside = self.root.join("damaged");
         let moved = fs::create_dir_all(&aside).and_then(|()| fs::rename(&from, aside.join(format!("{id}.parquet"))));
         self.catalogue_mut().remove(id);
+        if let Some(remote) = &self.remote {
+            remote.set_aside(id);
+        }
         locked(&self.footers).remove(&id);
         locked(&self.held).columns.retain(|(pack, ..), _| *pack != id);
         // Another thread may have found the same.
-        if moved.is_ok() || from.exists() {
-            locked(&self.damaged).push(format!("{}: {why}", from.display()));
+        if moved.is_ok() || from.exists() || self.remote.is_some() {
+            let text = format!("{}: {why}", from.display());
+            let mut damaged = locked(&self.damaged);
+            if !damaged.contains(&text) {
+                damaged.push(text);
+            }
         }
     }
 
@@ -236,7 +294,7 @@ impl Objects {
         if let Some(known) = locked(&self.footers).get(&id) {
             return Ok(known.clone());
         }
-        let sealed = Sealed::open(&self.file(id)).map_err(|e| self.fault(id, &e))?;
+        let sealed = self.reading(id, || Sealed::open(&self.file(id)))?;
         let notes: Vec<Note> = match sealed.text(NOTES) {
             Some(text) => serde_json::from_str(text).map_err(|e| Fault::machine(e.to_string()))?,
             None => vec![],
@@ -252,8 +310,14 @@ impl Objects {
 
     /// The pack and location of a unit.
     fn place(&self, key: Key) -> Result<(Key, Place), Fault> {
-        let catalogue = self.catalogue();
-        let found = catalogue.find(key).and_then(|p| Some((catalogue.pack(p.pack)?.id, p)));
+        let look = || {
+            let catalogue = self.catalogue();
+            catalogue.find(key).and_then(|p| Some((catalogue.pack(p.pack)?.id, p)))
+        };
+        let found = look().or_else(|| {
+            // The index of an object store is that of whoever wrote it last.
+            self.remote.is_some().then(|| self.refresh()).and_then(|()| look())
+        });
         found.ok_or_else(|| {
             Fault::machine(format!("the store no longer contains {key}"))
                 .help("run again: missing results are recomputed")
@@ -264,7 +328,7 @@ impl Objects {
         if let Some(array) = locked(&self.held).columns.get(&(id, group, column)) {
             return Ok(array.clone());
         }
-        let array = sealed.column(group, column).map_err(|e| self.fault(id, &e))?;
+        let array = self.reading(id, || sealed.column(group, column))?;
         self.hold(id, group, column, &array);
         Ok(array)
     }

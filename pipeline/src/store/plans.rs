@@ -4,7 +4,7 @@ use std::{fs, io, path::PathBuf, time::Duration};
 
 use schemas::Fault;
 
-use super::{Store, tend::is_old, trouble};
+use super::{Store, shown, tend::is_old, trouble};
 use crate::keys::Key;
 
 /// The folder of a store that holds them.
@@ -26,7 +26,7 @@ impl Store {
     pub fn keep_plan(&self, bytes: &[u8]) -> Result<Key, Fault> {
         let key = name_of(bytes);
         let file = self.plan_at(key);
-        if fs::read(&file).is_ok_and(|there| there == bytes) {
+        if self.remote().is_none() && fs::read(&file).is_ok_and(|there| there == bytes) {
             return Ok(key);
         }
         self.write(&file, bytes).map(|()| key)
@@ -39,9 +39,10 @@ impl Store {
     pub fn plan(&self, key: Key) -> Result<Vec<u8>, Fault> {
         const HELP: &str = "`magline tasks` writes it, and the tasks, again";
         let file = self.plan_at(key);
+        self.bring(&file)?;
         let bytes = fs::read(&file).map_err(|e| match e.kind() {
             io::ErrorKind::NotFound => {
-                let what = format!("the store {} does not hold the plan {key}", self.root().display());
+                let what = format!("the store {} does not hold the plan {key}", shown(self.root()));
                 Fault::new(what).help(HELP)
             }
             _ => trouble("read", &file, &e),
@@ -54,6 +55,9 @@ impl Store {
 
     /// Removes the plans as old as `older_than`; those of the last computation of the tables stay.
     pub fn drop_plans(&self, older_than: Duration) {
+        if let Some(remote) = self.remote() {
+            let _ = remote.drop_objects(FOLDER, &|name, age| Key::parse(name).is_some() && age >= older_than);
+        }
         for file in fs::read_dir(self.root().join(FOLDER)).into_iter().flatten().flatten() {
             let named = file.file_name().to_str().and_then(Key::parse).is_some();
             if named && is_old(&file.path(), older_than) {

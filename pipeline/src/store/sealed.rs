@@ -316,6 +316,31 @@ impl Sealed {
     }
 }
 
+/// The metadata `key` of a file of `size` bytes that ends in `tail`, verified; or how many bytes of its end are needed for that.
+///
+/// # Errors
+/// Fails when the file is damaged.
+pub fn tail_text(tail: Bytes, size: u64, key: &str) -> Result<Result<Option<String>, u64>, Trouble> {
+    let cut = || Trouble::damaged("it is cut short");
+    let (body, end) = tail.split_last_chunk::<TAIL>().ok_or_else(cut)?;
+    let ([a, b, c, d], mark) = end.split_first_chunk::<4>().ok_or_else(cut)?;
+    let length = u32::from_le_bytes([*a, *b, *c, *d]) as usize;
+    if mark != b"PAR1" {
+        return Err(cut());
+    }
+    let whole = SEAL + length + TAIL;
+    let Some(seal) = body.len().checked_sub(SEAL + length) else { return Ok(Err(whole as u64)) };
+    let (seal, _) = tail.get(seal..).and_then(|rest| rest.split_first_chunk::<SEAL>()).ok_or_else(cut)?;
+    let footer = tail.get(tail.len() - length - TAIL..).ok_or_else(cut)?;
+    if &seal[..8] != MARK || seal[12..] != crc32fast::hash(footer).to_le_bytes() {
+        return Err(Trouble::damaged("the checksum of its footer is wrong"));
+    }
+    let start = size.checked_sub(tail.len() as u64).ok_or_else(cut)?;
+    let windows = Windows { windows: vec![(start, tail.clone())], size };
+    let metadata = ArrowReaderMetadata::load(&windows, ArrowReaderOptions::new()).map_err(Trouble::damaged)?;
+    Ok(Ok(text_of(&metadata, key).map(str::to_owned)))
+}
+
 fn text_of<'a>(metadata: &'a ArrowReaderMetadata, key: &str) -> Option<&'a str> {
     let pairs = metadata.metadata().file_metadata().key_value_metadata()?;
     pairs.iter().find(|kv| kv.key == key)?.value.as_deref()

@@ -54,6 +54,7 @@ pub fn list(root: &Path) -> Result<Vec<Listed>, Fault> {
             let mut rows = 0;
             for file in &table.files {
                 let path = version.folder.join(&file.name);
+                version.at_hand(table)?;
                 let sealed = super::Sealed::open(&path).map_err(|e| trouble("read", &path, &e))?;
                 rows += sealed.starts().last().copied().unwrap_or(0) as u64;
             }
@@ -110,6 +111,9 @@ pub(super) fn is_old(path: &Path, than: Duration) -> bool {
 /// # Errors
 /// Fails when the file system refuses.
 pub fn collect(store: &Store, what: Collect) -> Result<Collected, Fault> {
+    if let Some(remote) = store.remote() {
+        return remote.collect(store, what);
+    }
     let root = store.root();
     let mut done = Collected::default();
     let alone = store.alone()?;
@@ -215,6 +219,9 @@ pub fn remove(store: &Store, pipeline: &str, table: Option<&str>) -> Result<(), 
         return Err(Fault::new(format!("there is no pipeline `{pipeline}` in the store")).nearest(pipeline, &names));
     };
     let Some(table) = table else {
+        if let Some(remote) = store.remote() {
+            remote.unpublish(pipeline)?;
+        }
         let link = root.join("tables").join(pipeline);
         fs::remove_file(&link).map_err(|e| trouble("remove", &link, &e))?;
         let plan = root.join("plans").join(format!("{pipeline}.json"));
@@ -250,6 +257,9 @@ pub struct Scrubbed {
 /// # Errors
 /// Fails when a file cannot be read.
 pub fn scrub(store: &Store, tick: &(dyn Fn(usize, usize) + Sync)) -> Result<Scrubbed, Fault> {
+    if let Some(remote) = store.remote() {
+        return remote.scrub(store, tick);
+    }
     let root = store.root();
     let mut found = Scrubbed::default();
     for text in store.damaged() {

@@ -23,6 +23,7 @@ use super::{
     Publisher, Store,
     catalogue::stamp,
     make_folder,
+    remote::Remote,
     sealed::{self, Sealed},
     sync_folder, trouble,
 };
@@ -104,13 +105,35 @@ pub struct Version {
     pub manifest: Manifest,
 }
 
+impl Manifest {
+    /// The manifest of these bytes, if they are intact.
+    pub(super) fn read(bytes: &[u8]) -> Option<Manifest> {
+        let manifest: Manifest = serde_json::from_slice(bytes).ok()?;
+        (sum_of(&manifest)? == manifest.sum).then_some(manifest)
+    }
+
+    /// Its checksum.
+    pub(super) fn sum(&self) -> &str {
+        &self.sum
+    }
+}
+
 impl Version {
+    /// Sees to it that the files of a table of this version are in its folder.
+    ///
+    /// # Errors
+    /// Fails when an object store cannot be reached or refuses, or does not have them as they were written.
+    pub fn at_hand(&self, table: &ManifestTable) -> Result<(), Fault> {
+        let root = self.folder.ancestors().nth(3);
+        let remote = root.map_or(Ok(None), Remote::of)?;
+        remote.map_or(Ok(()), |remote| remote.at_hand(self, table))
+    }
+
     /// The version in `folder`, whose name is its number.
     pub fn open(folder: &Path) -> Option<Version> {
         let number = folder.file_name()?.to_str()?.parse().ok()?;
-        let manifest: Manifest = serde_json::from_slice(&fs::read(folder.join("version.json")).ok()?).ok()?;
-        let sum = sum_of(&manifest)?;
-        (sum == manifest.sum).then(|| Version { folder: folder.to_owned(), number, manifest })
+        let manifest = Manifest::read(&fs::read(folder.join("version.json")).ok()?)?;
+        Some(Version { folder: folder.to_owned(), number, manifest })
     }
 }
 
@@ -137,7 +160,11 @@ pub fn current(root: &Path, pipeline: &str) -> Option<Version> {
 }
 
 /// The files of a published table, in the order of its rows: those in its folder that a run wrote.
-pub fn parts(folder: &Path) -> Vec<PathBuf> {
+///
+/// # Errors
+/// Fails when the folder is a copy, and the object store cannot be reached or refuses.
+pub fn parts(folder: &Path) -> Result<Vec<PathBuf>, Fault> {
+    bring(folder)?;
     let entries = fs::read_dir(folder).into_iter().flatten().flatten().map(|e| e.path());
     let ours = |p: &PathBuf| {
         let name = p.file_name().and_then(|n| n.to_str());
@@ -145,7 +172,26 @@ pub fn parts(folder: &Path) -> Vec<PathBuf> {
     };
     let mut found: Vec<PathBuf> = entries.filter(ours).collect();
     found.sort();
-    found
+    Ok(found)
+}
+
+/// Sees to it that the files of a folder of a store are there: `tables/<pipeline>/<table>` or `quality/<key>`.
+fn bring(folder: &Path) -> Result<(), Fault> {
+    let above: Vec<&str> = folder.ancestors().take(3).filter_map(|p| p.file_name()?.to_str()).collect();
+    let root = |n: usize| folder.ancestors().nth(n).map_or(Ok(None), Remote::of);
+    match above.as_slice() {
+        [table, pipeline, "tables"] => {
+            let Some(remote) = root(3)? else { return Ok(()) };
+            let version = folder.ancestors().nth(3).and_then(|root| current(root, pipeline));
+            let listed = version.as_ref().and_then(|v| Some((v, v.manifest.tables.iter().find(|t| t.name == *table)?)));
+            listed.map_or(Ok(()), |(version, table)| remote.at_hand(version, table))
+        }
+        [key, "quality", ..] => match root(2)? {
+            Some(remote) => remote.bring_file(&format!("quality/{key}/part-0.parquet")).map(drop),
+            None => Ok(()),
+        },
+        _ => Ok(()),
+    }
 }
 
 /// The columns `columns` of a small published table, verified; `None` where it does not exist.
@@ -154,7 +200,7 @@ pub fn parts(folder: &Path) -> Vec<PathBuf> {
 /// Fails when it cannot be read.
 pub fn published(folder: &Path, columns: &[&str]) -> Result<Option<RecordBatch>, Fault> {
     let mut batches = vec![];
-    for file in parts(folder) {
+    for file in parts(folder)? {
         let fail = |e: &dyn std::fmt::Display| trouble("read", &file, e);
         let sealed = Sealed::open(&file).map_err(|e| fail(&e))?;
         let at = columns.iter().map(|c| sealed.schema().index_of(c)).collect::<Result<Vec<_>, _>>();
@@ -208,7 +254,7 @@ impl Store {
             for (i, id) in table.packs.iter().enumerate() {
                 let (file, spelt) = (self.file(*id), id.to_string());
                 let name = format!("tables/{}/part-{i:05}-{}.parquet", table.name, &spelt[..8]);
-                listed.files.push(described(&file, &name, Some(spelt))?);
+                listed.files.push(self.pack_entry(*id, &file, &name)?);
                 from.push((file, name));
             }
             if let Some(units) = &table.units {
@@ -229,6 +275,9 @@ impl Store {
         let before = current(self.root(), pipeline);
         if let Some(version) = &before {
             keep(version, kept, &mut manifest, &mut from);
+            if let Some(remote) = self.remote().filter(|_| !kept.is_empty()) {
+                remote.own_at_hand(version)?;
+            }
         }
         for table in before.iter().flat_map(|v| v.manifest.tables.iter().map(|t| v.folder.join("tables").join(&t.name)))
         {
@@ -240,7 +289,7 @@ impl Store {
         if before.as_ref().is_some_and(|v| holds(self, v, &manifest)) {
             return Ok(false);
         }
-        self.switch(pipeline, &manifest, &from, before.as_ref())?;
+        self.switch(publisher, &manifest, &from, before.as_ref())?;
         Ok(true)
     }
 
@@ -252,21 +301,39 @@ impl Store {
         let mut manifest = version.manifest.clone();
         manifest.tables.retain(|t| t.name != table);
         manifest.sum = String::new();
+        if let Some(remote) = self.remote() {
+            remote.own_at_hand(version)?;
+        }
         let files = manifest.tables.iter().flat_map(|t| t.files.iter().chain(&t.units));
         let from: Vec<(PathBuf, String)> = files.map(|f| (version.folder.join(&f.name), f.name.clone())).collect();
-        self.switch(publisher.pipeline(), &manifest, &from, Some(version))
+        self.switch(publisher, &manifest, &from, Some(version))
+    }
+
+    /// The entry of a pack, which in an object store need not be at hand.
+    fn pack_entry(&self, id: Key, file: &Path, name: &str) -> Result<ManifestFile, Fault> {
+        if self.remote().is_none() {
+            return described(file, name, Some(id.to_string()));
+        }
+        let size = self.catalogue().by_id(id).map(|pack| pack.size);
+        let size = size.ok_or_else(|| Fault::machine(format!("the store no longer contains the pack {id}")))?;
+        Ok(ManifestFile { name: name.to_owned(), pack: Some(id.to_string()), hash: None, size, modified_ns: 0 })
     }
 
     /// Makes a version and points the pipeline's link to it.
     fn switch(
         &self,
-        pipeline: &str,
+        publisher: &Publisher,
         manifest: &Manifest,
         from: &[(PathBuf, String)],
         before: Option<&Version>,
     ) -> Result<(), Fault> {
-        let folder = self.temporary();
+        let (pipeline, folder) = (publisher.pipeline(), self.temporary());
+        let sum = sum_of(manifest).ok_or_else(|| Fault::machine("the version cannot be described"))?;
+        let manifest = &Manifest { sum, ..manifest.clone() };
         self.build(&folder, manifest, from, before)?;
+        if let Some(remote) = self.remote() {
+            return remote.publish(pipeline, &folder, manifest, &|| publisher.check());
+        }
         let number = versions(self.root(), pipeline).last().map_or(1, |(n, _)| n + 1);
         let to = self.root().join("versions").join(pipeline).join(number.to_string());
         self.settle(&folder, &to)?;
@@ -291,14 +358,15 @@ impl Store {
             make_folder(&folder.join("tables").join(&table.name)).map_err(fail)?;
         }
         for (file, name) in from {
+            if self.remote().is_some() && is_pack(manifest, name) && !file.exists() {
+                continue;
+            }
             link(file, &folder.join(name)).map_err(|e| trouble("write", &folder.join(name), &e))?;
         }
-        if let Some(before) = before {
+        if let Some(before) = before.filter(|_| self.remote().is_none()) {
             carry(before, folder, manifest).map_err(fail)?;
         }
-        let sum = sum_of(manifest).ok_or_else(|| Fault::machine("the version cannot be described"))?;
-        let bytes = serde_json::to_vec(&Manifest { sum, ..manifest.clone() });
-        let bytes = bytes.map_err(|e| Fault::machine(e.to_string()))?;
+        let bytes = serde_json::to_vec(manifest).map_err(|e| Fault::machine(e.to_string()))?;
         self.write(&folder.join("version.json"), &bytes)?;
         let folders = manifest.tables.iter().map(|t| folder.join("tables").join(&t.name));
         for one in folders.chain(["tables", "units", ""].map(|name| folder.join(name))) {
@@ -308,8 +376,13 @@ impl Store {
     }
 }
 
+/// Whether the file `name` of a version is a pack.
+fn is_pack(manifest: &Manifest, name: &str) -> bool {
+    manifest.tables.iter().flat_map(|t| t.files.iter().chain(&t.units)).any(|f| f.name == name && f.pack.is_some())
+}
+
 /// One more name for the bytes of a file; a copy where the file system has no hard links.
-fn link(from: &Path, to: &Path) -> io::Result<()> {
+pub(super) fn link(from: &Path, to: &Path) -> io::Result<()> {
     match fs::hard_link(from, to) {
         Ok(()) => Ok(()),
         Err(e) if e.kind() == io::ErrorKind::NotFound => Err(e),
@@ -346,6 +419,13 @@ fn holds(store: &Store, version: &Version, manifest: &Manifest) -> bool {
         });
     let whole = |file: &ManifestFile| {
         let path = version.folder.join(&file.name);
+        if store.remote().is_some() {
+            // The packs that there are were listed; a file of its own is read whole when it is copied.
+            return match file.pack.as_deref().and_then(Key::parse) {
+                Some(id) => store.catalogue().by_id(id).is_some_and(|pack| pack.size == file.size),
+                None => true,
+            };
+        }
         let Ok(about) = fs::metadata(&path) else { return false };
         let now = stamp(&about);
         match file.pack.as_deref().and_then(Key::parse) {

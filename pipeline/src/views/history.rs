@@ -79,6 +79,11 @@ pub fn add(store: &Store, pipeline: &str, mut past_run: Past, snapshot: &Snapsho
         // Its name has to come to the disk as well as its lines.
         store.write(&path, &[])?;
     }
+    if store.is_copy() {
+        // An object is written as a whole.
+        let before = fs::read(&path).map_err(|e| Fault::machine(format!("cannot read {}: {e}", path.display())))?;
+        return store.write(&path, &[before, line].concat());
+    }
     let written = fs::File::options().create(true).append(true).open(&path).and_then(|mut f| {
         f.write_all(&line)?;
         f.sync_all()

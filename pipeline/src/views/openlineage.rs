@@ -14,6 +14,7 @@ use crate::{
     clock,
     keys::Key,
     plan::{Graph, Plan, Ref},
+    remote::{Address, Place, place},
     store::host,
 };
 
@@ -191,11 +192,14 @@ struct Dataset {
 }
 
 impl Dataset {
-    fn new(path: &Path, version: Key, columns: impl Iterator<Item = Value>) -> Dataset {
-        let name = plain(path).display().to_string();
+    fn new(place: &Place, version: Key, columns: impl Iterator<Item = Value>) -> Dataset {
+        let (namespace, name) = match place {
+            Place::Path(path) => (format!("file://{}", host()), plain(path).display().to_string()),
+            Place::Object(Address { scheme, bucket, key }) => (format!("{}://{bucket}", scheme.as_str()), key.clone()),
+        };
         let fields: Vec<Value> = columns.collect();
         Dataset {
-            namespace: format!("file://{}", host()),
+            namespace,
             name,
             version: version.to_string(),
             schema: facet("1-2-0", "SchemaDatasetFacet", json!({ "fields": fields })),
@@ -203,7 +207,8 @@ impl Dataset {
     }
 
     fn json(&self) -> Value {
-        let uri = format!("{}{}", self.namespace, self.name);
+        let between = if self.name.starts_with('/') { "" } else { "/" };
+        let uri = format!("{}{between}{}", self.namespace, self.name);
         let version = json!({ "datasetVersion": self.version });
         json!({
             "namespace": self.namespace,
@@ -264,7 +269,10 @@ pub fn lineage(graph: &Graph) -> Vec<TableLineage> {
     let plan = graph.plan;
     let columns: Vec<Vec<SnapshotColumn>> =
         plan.tables.iter().enumerate().map(|(t, node)| record::columns(plan, t, node)).collect();
-    let folder = whole(&plan.spec.store).join("tables").join(&plan.spec.name);
+    let folder = |table: &str| match &plan.spec.store_at {
+        Some((address, _)) => Place::Object(address.below(&format!("tables/{}/{table}", plan.spec.name))),
+        None => Place::Path(whole(&plan.spec.store).join("tables").join(&plan.spec.name).join(table)),
+    };
     let version = |t: usize| {
         let key = |unit| graph.key(unit).map_or_else(|_| "none".to_owned(), |key| key.to_string());
         Key::of(graph.units(t).map(key))
@@ -274,12 +282,16 @@ pub fn lineage(graph: &Graph) -> Vec<TableLineage> {
         .iter()
         .zip(&columns)
         .enumerate()
-        .map(|(t, (node, columns))| Dataset::new(&folder.join(&node.name), version(t), columns.iter().map(of_table)))
+        .map(|(t, (node, columns))| Dataset::new(&folder(&node.name), version(t), columns.iter().map(of_table)))
         .collect();
     let bytes = |i: usize| Key::of(graph.bytes.get(i).into_iter().flatten().map(|b| b.hash.to_string()));
     let path = |name: &str| {
         let decl = plan.spec.tables.iter().find(|t| t.name == name);
-        whole(&plan.spec.folder).join(decl.map(|d| d.path.0.as_str()).unwrap_or_default())
+        match place(decl.map(|d| d.path.0.as_str()).unwrap_or_default()) {
+            Ok(Place::Path(path)) => Place::Path(whole(&plan.spec.folder).join(path)),
+            Ok(object @ Place::Object(_)) => object,
+            Err(_) => Place::Path(whole(&plan.spec.folder)),
+        }
     };
     let flights: Vec<Dataset> = (plan.flights.iter().enumerate())
         .map(|(i, f)| Dataset::new(&path(&f.name), bytes(i), f.shape.columns.iter().map(of_source)))

@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     plan::{Graph, Instance, Plan, Ref, TableNode},
+    remote::cache,
     store::Store,
 };
 
@@ -135,7 +136,7 @@ pub fn described(graph: &Graph) -> Vec<SnapshotTable> {
 }
 
 fn files(graph: &Graph, i: usize) -> Vec<(String, String)> {
-    graph.bytes[i].iter().map(|b| (b.path.display().to_string(), b.hash.to_string())).collect()
+    graph.bytes[i].iter().map(|b| (cache::shown(&b.path), b.hash.to_string())).collect()
 }
 
 fn table(plan: &Plan, t: usize, node: &TableNode, cost: Option<(usize, f64)>, lines: usize) -> SnapshotTable {

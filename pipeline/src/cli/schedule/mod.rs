@@ -35,9 +35,6 @@ pub const LOCKED: u8 = 3;
 /// The exit status of a run that its time limit stopped.
 pub const OUT_OF_TIME: u8 = 4;
 
-/// The interval of looking again while waiting.
-const LOOK_AGAIN: Duration = Duration::from_millis(200);
-
 /// What a scheduler says of a run.
 #[derive(Args, Clone, Debug, Default)]
 pub struct ScheduleArgs {
@@ -156,7 +153,7 @@ impl ScheduleArgs {
             if !std::mem::replace(&mut told, true) {
                 note(&format!("{what}; waiting for it"));
             }
-            sleep(LOOK_AGAIN);
+            sleep(store.look_again());
         }
     }
 

@@ -31,7 +31,7 @@ pub use datasets::mappings::READY;
 pub use declare::{ColumnOf, Epoch, Head, KeyOf, QuaternionOf, Stamp, VectorOf};
 use document::{Document, TableDecl};
 
-use super::log_reader::LogReader;
+use super::{files::file, log_reader::LogReader};
 use crate::keys::Key;
 
 /// Raised when the same mapping makes other values of the same file.
@@ -62,7 +62,7 @@ impl Mapping {
         if let Some(ready) = READY.iter().find(|r| r.name == name) {
             return Mapping::of_text(format!("{name}.toml"), ready.text.to_owned());
         }
-        let path = folder.join(name);
+        let path = file(name, folder)?;
         let looks_like_file = name.ends_with(".toml") || name.contains(['/', '\\']) || path.is_file();
         if !looks_like_file {
             let names: Vec<&str> = READY.iter().map(|r| r.name).collect();

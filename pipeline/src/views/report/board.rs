@@ -37,7 +37,7 @@ impl Board {
         let mut found = vec![];
         for (table, node) in plan.tables.iter().enumerate().filter(|(_, t)| t.entry.name == "score") {
             let folder = source.store.table(&plan.spec.name, &node.name);
-            if parts(&folder).is_empty() {
+            if parts(&folder)?.is_empty() {
                 continue;
             }
             let axes: Vec<String> =

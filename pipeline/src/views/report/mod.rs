@@ -38,7 +38,7 @@ use super::warnings::{self, Warning};
 use crate::{
     plan::{Graph, Ref},
     spec::Spec,
-    store::Store,
+    store::{self, Store},
 };
 use atlas::{Atlas, Over, atlases};
 use board::Board;
@@ -52,6 +52,7 @@ use track::Flown;
 /// # Errors
 /// Fails when it has not been run.
 pub fn was_run(spec: &Spec) -> Result<(), Fault> {
+    store::pulled(&spec.store)?;
     if spec.store.join("tables").join(&spec.name).is_dir() { Ok(()) } else { Err(not_run(spec)) }
 }
 

@@ -65,8 +65,10 @@ impl SchemaProvider for Pipeline {
         let Some(table) = self.version.manifest.tables.iter().find(|t| t.name == name && self.table_exist(name)) else {
             return Ok(None);
         };
+        let unreadable = |fault| DataFusionError::External(Box::new(Unreadable(fault)));
+        self.version.at_hand(table).map_err(unreadable)?;
         let published = Published::open(&self.objects, &self.version, table);
-        let published = published.map_err(|fault| DataFusionError::External(Box::new(Unreadable(fault))))?;
+        let published = published.map_err(unreadable)?;
         Ok(Some(Arc::new(published)))
     }
 

@@ -1,0 +1,136 @@
+//! Where things are: a path, or an address in an object store.
+
+use std::{fmt, path::PathBuf};
+
+use schemas::Fault;
+
+/// A kind of object store.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Scheme {
+    /// Amazon S3, and what speaks its language: MinIO, Ceph, Garage.
+    S3,
+    /// Google Cloud Storage.
+    Gs,
+    /// Azure Blob Storage; its bucket is a container.
+    Az,
+}
+
+impl Scheme {
+    const ALL: [Scheme; 3] = [Scheme::S3, Scheme::Gs, Scheme::Az];
+
+    /// As it stands before `://`.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Scheme::S3 => "s3",
+            Scheme::Gs => "gs",
+            Scheme::Az => "az",
+        }
+    }
+}
+
+/// A place in an object store: a bucket, and the name of an object or the beginning of several.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub struct Address {
+    /// The kind of store.
+    pub scheme: Scheme,
+    /// The bucket.
+    pub bucket: String,
+    /// What follows, without slashes at its ends; may be empty.
+    pub key: String,
+}
+
+impl fmt::Display for Address {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        write!(f, "{}://{}", self.scheme.as_str(), self.bucket)?;
+        if self.key.is_empty() { Ok(()) } else { write!(f, "/{}", self.key) }
+    }
+}
+
+/// Where something is.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Place {
+    /// A path, which may be relative.
+    Path(PathBuf),
+    /// In an object store.
+    Object(Address),
+}
+
+/// Reads a place: `s3://`, `gs://` or `az://` with a bucket, `file://` with an absolute path, or a path.
+///
+/// # Errors
+/// Fails for other addresses, and for a bucket that cannot be one.
+pub fn place(text: &str) -> Result<Place, Fault> {
+    let Some((scheme, rest)) = text.split_once("://") else { return Ok(Place::Path(text.into())) };
+    if scheme == "file" {
+        if rest.starts_with('/') {
+            return Ok(Place::Path(rest.into()));
+        }
+        return Err(Fault::new("`file://` needs an absolute path, such as `file:///data/flights`"));
+    }
+    let Some(scheme) = Scheme::ALL.into_iter().find(|s| s.as_str() == scheme) else {
+        // The rest may hold a password, and is not shown.
+        let fault = Fault::new(format!("addresses of the kind `{}://` are not known", shown(scheme)));
+        return Err(fault.help("known are s3://, gs://, az:// and file://"));
+    };
+    let (bucket, key) = rest.split_once('/').unwrap_or((rest, ""));
+    let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '.' | '-' | '_');
+    if bucket.is_empty() || !bucket.chars().all(plain) {
+        let fault = Fault::new(format!("an address of {}:// without the name of a bucket", scheme.as_str()));
+        return Err(fault.help(format!(
+            "write {}://BUCKET/NAME; a key or password does not belong there, but into the environment",
+            scheme.as_str()
+        )));
+    }
+    let key = key.trim_matches('/');
+    if key.chars().any(char::is_control) || key.split('/').any(|part| matches!(part, "." | "..")) || key.contains("//")
+    {
+        return Err(Fault::new(format!("the address of the bucket `{bucket}` has a name that objects cannot have"))
+            .help("leave out `.`, `..`, `//` and control characters"));
+    }
+    Ok(Place::Object(Address { scheme, bucket: bucket.to_owned(), key: key.to_owned() }))
+}
+
+fn shown(scheme: &str) -> String {
+    scheme.chars().filter(char::is_ascii_alphanumeric).take(20).collect()
+}
+
+impl Address {
+    /// The one of `key` below this one.
+    pub fn below(&self, key: &str) -> Address {
+        let joined = [self.key.as_str(), key].into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join("/");
+        Address { key: joined, ..self.clone() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+
+    #[test]
+    fn unit_places_are_paths_or_addresses_and_show_no_secret() {
+        let object = |text: &str| match place(text).unwrap() {
+            Place::Object(address) => (address.bucket.clone(), address.key.clone(), address.to_string()),
+            Place::Path(path) => unreachable!("{}", path.display()),
+        };
+        let of = |bucket: &str, key: &str, text: &str| (bucket.to_owned(), key.to_owned(), text.to_owned());
+        assert_eq!(object("s3://b/x/y/"), of("b", "x/y", "s3://b/x/y"));
+        assert_eq!(object("az://c"), of("c", "", "az://c"));
+        assert_eq!(object("gs://my.bucket/a*.csv").1, "a*.csv");
+        assert_eq!(place("logs/a.csv").unwrap(), Place::Path("logs/a.csv".into()));
+        assert_eq!(place("file:///x/y").unwrap(), Place::Path("/x/y".into()));
+        for wrong in [
+            "file://x",
+            "s3://",
+            "s3:///x",
+            "s3://id:geheim@b/x",
+            "https://id:geheim@b/x",
+            "s3://b/a/../c",
+            "s3://b/a//c",
+        ] {
+            let fault = place(wrong).unwrap_err().to_string();
+            assert!(!fault.contains("geheim"), "{fault}");
+        }
+    }
+}

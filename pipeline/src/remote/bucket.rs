@@ -1,0 +1,483 @@
+//! The objects below an address, for code that waits for them.
+
+use std::{
+    fs::File,
+    future::Future,
+    io::{Read, Write},
+    ops::Range,
+    path::Path,
+    sync::{
+        Arc, Mutex, OnceLock, PoisonError,
+        atomic::{AtomicUsize, Ordering},
+        mpsc,
+    },
+    thread,
+    time::{Duration, SystemTime},
+};
+
+use futures::TryStreamExt;
+use object_store::{
+    Error, GetOptions, GetRange, ObjectMeta, ObjectStore, ObjectStoreExt, PutMode, PutOptions, PutPayload,
+    UpdateVersion, path::Path as Name,
+};
+use schemas::Fault;
+use tokio::runtime::Runtime;
+
+use super::address::Address;
+
+/// What is longer is read and written in parts of so many bytes.
+const PART: u64 = 16 << 20;
+/// Requests under way at a time, where there are many to make.
+const AT_ONCE: usize = 16;
+/// How often an answer that was cut is asked for.
+const TRIALS: u32 = 4;
+/// The threads that wait for answers.
+const THREADS: usize = 2;
+
+/// The version of an object, as the server names it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Tag(UpdateVersion);
+
+/// An object, as it is listed.
+#[derive(Clone, Debug)]
+pub struct Listed {
+    /// Its name below the address.
+    pub key: String,
+    /// Its bytes.
+    pub size: u64,
+    /// Its version, where the server names it.
+    pub tag: Option<String>,
+    /// When it was written, by the server's clock.
+    pub modified: SystemTime,
+}
+
+/// The objects below an address.
+#[derive(Clone)]
+pub struct Bucket {
+    objects: Arc<dyn ObjectStore>,
+    address: Address,
+}
+
+/// Waits for what is done by requests, on threads of their own: the caller's may be one that must not wait.
+fn wait<T: Send + 'static>(work: impl Future<Output = T> + Send + 'static) -> Result<T, Fault> {
+    static RUNTIME: OnceLock<Option<Runtime>> = OnceLock::new();
+    let build = || tokio::runtime::Builder::new_multi_thread().worker_threads(THREADS).enable_all().build().ok();
+    let runtime = RUNTIME.get_or_init(build).as_ref();
+    let runtime = runtime.ok_or_else(|| Fault::machine("cannot start threads for requests to an object store"))?;
+    let (send, receive) = mpsc::channel();
+    runtime.spawn(async move {
+        // Whoever waited is there until the answer is.
+        let _ = send.send(work.await);
+    });
+    receive.recv().map_err(|_| Fault::bug("a request to an object store ended without an answer"))
+}
+
+/// Does `work` on every item, several at a time, and gives back the answers in the order of the items, or the first fault.
+///
+/// # Errors
+/// Fails where `work` does.
+pub fn each<T: Sync, A: Send>(items: &[T], work: impl Fn(&T) -> Result<A, Fault> + Sync) -> Result<Vec<A>, Fault> {
+    let next = AtomicUsize::new(0);
+    let answers: Vec<Mutex<Option<Result<A, Fault>>>> = items.iter().map(|_| Mutex::new(None)).collect();
+    thread::scope(|scope| {
+        for _ in 0..AT_ONCE.min(items.len()) {
+            scope.spawn(|| {
+                while let Some((i, item)) =
+                    Some(next.fetch_add(1, Ordering::Relaxed)).and_then(|i| Some((i, items.get(i)?)))
+                {
+                    let answer = work(item);
+                    if answer.is_err() {
+                        next.fetch_add(items.len(), Ordering::Relaxed);
+                    }
+                    if let Some(place) = answers.get(i) {
+                        *place.lock().unwrap_or_else(PoisonError::into_inner) = Some(answer);
+                    }
+                }
+            });
+        }
+    });
+    let mut found = vec![];
+    let mut fault = None;
+    for answer in answers {
+        match answer.into_inner().unwrap_or_else(PoisonError::into_inner) {
+            Some(Ok(answer)) => found.push(answer),
+            Some(Err(wrong)) => fault = fault.or(Some(wrong)),
+            None => {}
+        }
+    }
+    fault.map_or(Ok(found), Err)
+}
+
+/// The chain of an error's causes without what is secret: no query of an address, and of an answer in XML its code and message.
+fn plain(error: &Error) -> String {
+    const LONGEST: usize = 400;
+    let text = error.to_string();
+    let between = |tag: &str| {
+        let (_, rest) = text.split_once(&format!("<{tag}>"))?;
+        rest.split_once("</").map(|(inner, _)| inner.trim().to_owned())
+    };
+    let said = [between("Code"), between("Message")].into_iter().flatten().collect::<Vec<_>>().join(": ");
+    let text = match text.find('<') {
+        Some(at) if !said.is_empty() => format!("{} {said}", text.get(..at).unwrap_or_default().trim_end()),
+        _ => text,
+    };
+    let words = text
+        .split_whitespace()
+        .map(|word| if word.contains("://") { word.split('?').next().unwrap_or(word) } else { word });
+    words.collect::<Vec<_>>().join(" ").chars().take(LONGEST).collect()
+}
+
+fn is_missing_bucket(error: &Error) -> bool {
+    let text = error.to_string();
+    ["NoSuchBucket", "ContainerNotFound", "bucket does not exist"].iter().any(|code| text.contains(code))
+}
+
+/// Whether an answer began and did not come to its end.
+fn is_cut(error: &Error) -> bool {
+    matches!(error, Error::Generic { .. }) && error.to_string().contains("response body")
+}
+
+fn is_forbidden(error: &Error, text: &str) -> bool {
+    // The error of a listing is of no kind.
+    let said = ["403 Forbidden", "401 Unauthorized"].iter().any(|status| text.contains(status));
+    said || matches!(error, Error::PermissionDenied { .. } | Error::Unauthenticated { .. })
+}
+
+/// Whether an object of that name is simply not there.
+fn is_missing(error: &Error) -> bool {
+    matches!(error, Error::NotFound { .. }) && !is_missing_bucket(error)
+}
+
+fn listed(about: &ObjectMeta, prefix: &str) -> Option<Listed> {
+    let key = about.location.as_ref().strip_prefix(prefix)?.trim_start_matches('/').to_owned();
+    let modified = SystemTime::from(about.last_modified);
+    Some(Listed { key, size: about.size, tag: about.e_tag.clone(), modified })
+}
+
+impl Bucket {
+    /// The objects of `objects` below `address`, whose bucket they are.
+    #[cfg_attr(not(any(feature = "object-stores", test)), allow(dead_code))]
+    pub fn new(objects: Arc<dyn ObjectStore>, address: Address) -> Bucket {
+        Bucket { objects, address }
+    }
+
+    /// The address.
+    pub fn address(&self) -> &Address {
+        &self.address
+    }
+
+    fn name(&self, key: &str) -> Result<Name, Fault> {
+        let whole = self.address.below(key);
+        Name::parse(&whole.key).map_err(|e| Fault::new(format!("{whole} cannot be the name of an object: {e}")))
+    }
+
+    fn fault(&self, doing: &str, key: &str, error: &Error) -> Fault {
+        let (address, text) = (self.address.below(key), plain(error));
+        let what = format!("cannot {doing} {address}: {text}");
+        if is_missing_bucket(error) {
+            let Address { scheme, bucket, .. } = &self.address;
+            return Fault::machine(format!("there is no bucket {}://{bucket}", scheme.as_str()))
+                .help("make it with the tools of its provider, or name another");
+        }
+        match error {
+            _ if text.contains("169.254.169.254") || text.contains("metadata.google") => {
+                Fault::machine(format!("cannot {doing} {address}: no credentials are found"))
+                    .help("set them in the environment or a profile: see pipeline/OBJECTS.md")
+            }
+            _ if is_forbidden(error, &text) => Fault::machine(what)
+                .help("the credentials of the environment or the profile do not permit it: see pipeline/OBJECTS.md"),
+            Error::NotImplemented { .. } | Error::NotSupported { .. } => {
+                Fault::machine(what).help("the server does not do what a store needs, such as conditional writes")
+            }
+            _ if text.contains("error sending request") => {
+                Fault::machine(what).help("nobody answers there, or not in time: see the network and the endpoint")
+            }
+            _ => Fault::machine(what),
+        }
+    }
+
+    /// An object and its version; `None` where there is none.
+    ///
+    /// # Errors
+    /// Fails when the server cannot be reached or refuses.
+    pub fn get_tagged(&self, key: &str) -> Result<Option<(Vec<u8>, Tag)>, Fault> {
+        let (objects, name) = (self.objects.clone(), self.name(key)?);
+        let read = move || async move {
+            let found = objects.get_opts(&name, GetOptions::default()).await?;
+            let tag = Tag(UpdateVersion { e_tag: found.meta.e_tag.clone(), version: found.meta.version.clone() });
+            let size = found.meta.size;
+            Ok::<_, Error>((found.bytes().await?, size, tag))
+        };
+        for trial in 0..TRIALS {
+            pause(trial);
+            match wait(read.clone()())? {
+                Ok((bytes, size, tag)) if bytes.len() as u64 == size => return Ok(Some((bytes.to_vec(), tag))),
+                Ok(_) => {}
+                Err(e) if is_cut(&e) => {}
+                Err(e) if is_missing(&e) => return Ok(None),
+                Err(e) => return Err(self.fault("read", key, &e)),
+            }
+        }
+        Err(self.cut(key))
+    }
+
+    fn cut(&self, key: &str) -> Fault {
+        let what = format!("cannot read {}: its answer is cut short, {TRIALS} times", self.address.below(key));
+        Fault::machine(what).help("run again; a proxy on the way may be at fault")
+    }
+
+    /// An object; `None` where there is none.
+    ///
+    /// # Errors
+    /// Fails when the server cannot be reached or refuses.
+    pub fn get(&self, key: &str) -> Result<Option<Vec<u8>>, Fault> {
+        Ok(self.get_tagged(key)?.map(|(bytes, _)| bytes))
+    }
+
+    /// What is known of an object; `None` where there is none.
+    ///
+    /// # Errors
+    /// Fails when the server cannot be reached or refuses.
+    pub fn about(&self, key: &str) -> Result<Option<Listed>, Fault> {
+        let (objects, name) = (self.objects.clone(), self.name(key)?);
+        match wait(async move { objects.head(&name).await })? {
+            Ok(about) => Ok(listed(&about, &self.address.key)),
+            Err(e) if is_missing(&e) => Ok(None),
+            Err(e) => Err(self.fault("read", key, &e)),
+        }
+    }
+
+    /// Some bytes of an object; `None` where there is none.
+    ///
+    /// # Errors
+    /// Fails when the server cannot be reached or refuses, and where the object has not so many.
+    pub fn range(&self, key: &str, range: Range<u64>, tag: Option<&str>) -> Result<Option<Vec<u8>>, Fault> {
+        let (objects, name) = (self.objects.clone(), self.name(key)?);
+        let want = range.end.saturating_sub(range.start);
+        let options = GetOptions {
+            range: Some(GetRange::Bounded(range)),
+            if_match: tag.map(str::to_owned),
+            ..GetOptions::default()
+        };
+        let read = move || async move { objects.get_opts(&name, options).await?.bytes().await };
+        for trial in 0..TRIALS {
+            pause(trial);
+            match wait(read.clone()())? {
+                Ok(bytes) if bytes.len() as u64 == want => return Ok(Some(bytes.to_vec())),
+                Ok(_) => {}
+                Err(e) if is_cut(&e) => {}
+                Err(e) if is_missing(&e) => return Ok(None),
+                Err(e) => return Err(self.fault("read", key, &e)),
+            }
+        }
+        Err(self.cut(key))
+    }
+
+    /// Writes an object to the file `to`, which is on the disk when this returns. Whether there is such an object.
+    ///
+    /// # Errors
+    /// Fails when the server cannot be reached or refuses, the object has not `size` bytes where that is known, or the file
+    /// cannot be written.
+    pub fn fetch(&self, key: &str, to: &Path, size: Option<u64>) -> Result<bool, Fault> {
+        let (objects, name) = (self.objects.clone(), self.name(key)?);
+        let first = move || async move {
+            let found = objects.get_opts(&name, GetOptions::default()).await?;
+            let about = found.meta.clone();
+            // A large one is read in parts, each within the time of a request.
+            let bytes = if about.size > PART { None } else { Some(found.bytes().await?) };
+            Ok::<_, Error>((about, bytes))
+        };
+        let fail = |e: std::io::Error| Fault::machine(format!("cannot write {}: {e}", to.display()));
+        for trial in 0..TRIALS {
+            pause(trial);
+            let (about, bytes) = match wait(first.clone()())? {
+                Ok(found) => found,
+                Err(e) if is_cut(&e) => continue,
+                Err(e) if is_missing(&e) => return Ok(false),
+                Err(e) => return Err(self.fault("read", key, &e)),
+            };
+            if size.is_some_and(|size| size != about.size) {
+                continue;
+            }
+            let mut file = File::create(to).map_err(fail)?;
+            let whole = match bytes {
+                Some(bytes) => {
+                    file.write_all(&bytes).map_err(fail)?;
+                    bytes.len() as u64 == about.size
+                }
+                None => {
+                    let mut at = 0;
+                    while at < about.size {
+                        let end = (at + PART).min(about.size);
+                        let Some(part) = self.range(key, at..end, about.e_tag.as_deref())? else { break };
+                        file.write_all(&part).map_err(fail)?;
+                        at = end;
+                    }
+                    at == about.size
+                }
+            };
+            if whole {
+                file.set_modified(SystemTime::from(about.last_modified)).map_err(fail)?;
+                file.sync_all().map_err(fail)?;
+                return Ok(true);
+            }
+        }
+        Err(self.cut(key))
+    }
+
+    fn put_as(&self, key: &str, bytes: Vec<u8>, mode: PutMode) -> Result<Result<Tag, Error>, Fault> {
+        let (objects, name) = (self.objects.clone(), self.name(key)?);
+        let options = PutOptions { mode, ..PutOptions::default() };
+        let done = wait(async move { objects.put_opts(&name, PutPayload::from(bytes), options).await })?;
+        Ok(done.map(|put| Tag(put.into())))
+    }
+
+    /// Writes an object, whatever was there.
+    ///
+    /// # Errors
+    /// Fails when the server cannot be reached or refuses.
+    pub fn put(&self, key: &str, bytes: Vec<u8>) -> Result<(), Fault> {
+        self.put_as(key, bytes, PutMode::Overwrite)?.map(drop).map_err(|e| self.fault("write", key, &e))
+    }
+
+    /// Writes an object that is not there yet; whether this has written it.
+    ///
+    /// # Errors
+    /// Fails when the server cannot be reached or refuses.
+    pub fn create(&self, key: &str, bytes: &[u8]) -> Result<bool, Fault> {
+        self.on_condition(key, bytes, PutMode::Create)
+    }
+
+    /// Writes an object whose version is still `tag`, or that is not there yet where `tag` is `None`; whether this has
+    /// written it.
+    ///
+    /// # Errors
+    /// Fails when the server cannot be reached or refuses.
+    pub fn replace(&self, key: &str, bytes: &[u8], tag: Option<Tag>) -> Result<bool, Fault> {
+        self.on_condition(key, bytes, tag.map_or(PutMode::Create, |tag| PutMode::Update(tag.0)))
+    }
+
+    fn on_condition(&self, key: &str, bytes: &[u8], mode: PutMode) -> Result<bool, Fault> {
+        match self.put_as(key, bytes.to_vec(), mode)? {
+            Ok(_) => Ok(true),
+            // The answer to a first trial may have been lost, and the object be the one of this writer.
+            Err(Error::AlreadyExists { .. } | Error::Precondition { .. }) => {
+                Ok(self.get(key)?.is_some_and(|there| there == bytes))
+            }
+            Err(e) => Err(self.fault("write", key, &e)),
+        }
+    }
+
+    /// Writes the file `from` as an object, which appears when it is whole.
+    ///
+    /// # Errors
+    /// Fails when the file cannot be read, or the server cannot be reached or refuses.
+    pub fn put_file(&self, key: &str, from: &Path) -> Result<(), Fault> {
+        let fail = |e: std::io::Error| Fault::machine(format!("cannot read {}: {e}", from.display()));
+        let mut file = File::open(from).map_err(fail)?;
+        let size = file.metadata().map_err(fail)?.len();
+        if size <= PART {
+            let mut bytes = vec![];
+            file.read_to_end(&mut bytes).map_err(fail)?;
+            return self.put(key, bytes);
+        }
+        let (objects, name) = (self.objects.clone(), self.name(key)?);
+        let written = wait(async move {
+            let mut upload = objects.put_multipart(&name).await?;
+            let mut left = size;
+            while left > 0 {
+                let mut part = vec![0; usize::try_from(left.min(PART)).unwrap_or(usize::MAX)];
+                let sent = match file.read_exact(&mut part) {
+                    Ok(()) => upload.put_part(PutPayload::from(part)).await,
+                    Err(e) => Err(Error::Generic { store: "local file", source: Box::new(e) }),
+                };
+                if let Err(e) = sent {
+                    // What the server keeps of it is never visible; its rules of life remove it.
+                    let _ = upload.abort().await;
+                    return Err(e);
+                }
+                left = left.saturating_sub(PART);
+            }
+            upload.complete().await.map(drop)
+        })?;
+        written.map_err(|e| self.fault("write", key, &e))
+    }
+
+    /// All objects whose names begin with the folder `folder`; all where that is empty.
+    ///
+    /// # Errors
+    /// Fails when the server cannot be reached or refuses.
+    pub fn list(&self, folder: &str) -> Result<Vec<Listed>, Fault> {
+        let (objects, name) = (self.objects.clone(), self.name(folder)?);
+        let list = move || async move { objects.list(Some(&name)).try_collect::<Vec<_>>().await };
+        self.of_listing(folder, list)
+    }
+
+    /// The objects of the folder `folder`, not those of folders in it.
+    ///
+    /// # Errors
+    /// Fails when the server cannot be reached or refuses.
+    pub fn list_flat(&self, folder: &str) -> Result<Vec<Listed>, Fault> {
+        let (objects, name) = (self.objects.clone(), self.name(folder)?);
+        let list = move || async move { objects.list_with_delimiter(Some(&name)).await.map(|list| list.objects) };
+        self.of_listing(folder, list)
+    }
+
+    fn of_listing<F>(&self, folder: &str, list: impl FnOnce() -> F + Clone) -> Result<Vec<Listed>, Fault>
+    where
+        F: Future<Output = Result<Vec<ObjectMeta>, Error>> + Send + 'static,
+    {
+        for trial in 0..TRIALS {
+            pause(trial);
+            match wait(list.clone()())? {
+                Ok(found) => {
+                    let mut all: Vec<Listed> =
+                        found.iter().filter_map(|about| listed(about, &self.address.key)).collect();
+                    all.sort_by(|a, b| a.key.cmp(&b.key));
+                    return Ok(all);
+                }
+                Err(e) if is_cut(&e) => {}
+                Err(e) if is_missing(&e) => return Ok(vec![]),
+                Err(e) => return Err(self.fault("list", folder, &e)),
+            }
+        }
+        Err(self.cut(folder))
+    }
+
+    /// Removes an object; one that is not there is removed already.
+    ///
+    /// # Errors
+    /// Fails when the server cannot be reached or refuses.
+    pub fn remove(&self, key: &str) -> Result<(), Fault> {
+        let (objects, name) = (self.objects.clone(), self.name(key)?);
+        match wait(async move { objects.delete(&name).await })? {
+            Ok(()) => Ok(()),
+            Err(e) if is_missing(&e) => Ok(()),
+            Err(e) => Err(self.fault("remove", key, &e)),
+        }
+    }
+
+    /// Gives an object another name.
+    ///
+    /// # Errors
+    /// Fails when the server cannot be reached or refuses.
+    pub fn rename(&self, from: &str, to: &str) -> Result<(), Fault> {
+        let (objects, old, new) = (self.objects.clone(), self.name(from)?, self.name(to)?);
+        let done = wait(async move {
+            objects.copy(&old, &new).await?;
+            objects.delete(&old).await
+        })?;
+        match done {
+            Ok(()) => Ok(()),
+            Err(e) if is_missing(&e) => Ok(()),
+            Err(e) => Err(self.fault("rename", from, &e)),
+        }
+    }
+}
+
+/// Waits before a trial, but not before the first.
+fn pause(trial: u32) {
+    if trial > 0 {
+        thread::sleep(Duration::from_millis(100 << trial));
+    }
+}

@@ -1,0 +1,146 @@
+//! Connections to object stores, with the credentials of the environment.
+
+use schemas::Fault;
+
+use super::{
+    address::{Address, Scheme},
+    bucket::Bucket,
+};
+
+/// Whether this program can use object stores.
+///
+/// # Errors
+/// Fails where it is built without them.
+pub fn supported() -> Result<(), Fault> {
+    if cfg!(feature = "object-stores") {
+        return Ok(());
+    }
+    let fault = Fault::new("this magline is built without object stores (s3://, gs://, az://)");
+    Err(fault.help("build it with `cargo build --features object-stores`, or name a folder"))
+}
+
+/// What says where a kind of store is, where it is not at its provider's; empty where it is.
+pub fn endpoint(scheme: Scheme) -> String {
+    let set = |name: &&str| std::env::var(name).ok().filter(|v| !v.is_empty());
+    let names: &[&str] = match scheme {
+        Scheme::S3 => &["AWS_ENDPOINT_URL_S3", "AWS_ENDPOINT_URL", "AWS_ENDPOINT"],
+        Scheme::Gs => &["GOOGLE_BASE_URL"],
+        Scheme::Az => &["AZURE_STORAGE_ENDPOINT", "AZURE_ENDPOINT", "AZURE_STORAGE_ACCOUNT_NAME"],
+    };
+    let named = names.iter().find_map(set);
+    #[cfg(feature = "object-stores")]
+    let named = named.or_else(|| match scheme {
+        Scheme::S3 => super::profile::Profile::chosen().ok().flatten()?.endpoint_url,
+        Scheme::Gs | Scheme::Az => None,
+    });
+    named.unwrap_or_default()
+}
+
+/// The objects below `address`.
+///
+/// # Errors
+/// Fails where this program is built without object stores, and where the environment cannot be understood. Whether the
+/// bucket exists and may be used shows at the first request.
+pub fn connect(address: &Address) -> Result<Bucket, Fault> {
+    supported()?;
+    open(address)
+}
+
+#[cfg(not(feature = "object-stores"))]
+fn open(_: &Address) -> Result<Bucket, Fault> {
+    Err(Fault::bug("a connection without object stores"))
+}
+
+#[cfg(feature = "object-stores")]
+fn open(address: &Address) -> Result<Bucket, Fault> {
+    use std::{sync::Arc, time::Duration};
+
+    use object_store::{
+        BackoffConfig, ClientConfigKey, ObjectStore, RetryConfig,
+        aws::{AmazonS3Builder, AmazonS3ConfigKey, Checksum},
+        azure::{AzureConfigKey, MicrosoftAzureBuilder},
+        gcp::{GoogleCloudStorageBuilder, GoogleConfigKey},
+    };
+
+    /// The longest time of a request, and of its connection, unless the environment says another.
+    const TIMES: [(ClientConfigKey, &str, &str); 2] = [
+        (ClientConfigKey::Timeout, "TIMEOUT", "60 seconds"),
+        (ClientConfigKey::ConnectTimeout, "CONNECT_TIMEOUT", "5 seconds"),
+    ];
+    // Eight trials more within two minutes, after 0.2 s, 0.4 s, and so on up to 10 s.
+    let retry = RetryConfig {
+        backoff: BackoffConfig {
+            init_backoff: Duration::from_millis(200),
+            max_backoff: Duration::from_secs(10),
+            base: 2.0,
+        },
+        max_retries: 8,
+        retry_timeout: Duration::from_secs(120),
+    };
+    let unset = |prefix: &str| {
+        let prefix = prefix.to_owned();
+        TIMES.into_iter().filter(move |(_, name, _)| std::env::var_os(format!("{prefix}_{name}")).is_none())
+    };
+    let bucket = address.bucket.as_str();
+    let wrong = |e: object_store::Error| {
+        let text: String = e.to_string().split('?').next().unwrap_or_default().chars().take(300).collect();
+        Fault::machine(format!("cannot use {}://{bucket}: {text}", address.scheme.as_str()))
+            .help("the environment says where and with which credentials: see pipeline/OBJECTS.md")
+    };
+    let objects: Arc<dyn ObjectStore> = match address.scheme {
+        Scheme::S3 => {
+            let mut builder = AmazonS3Builder::new().with_bucket_name(bucket).with_retry(retry);
+            builder = builder.with_checksum_algorithm(Checksum::SHA256);
+            // A variable that is empty is as good as none.
+            for (name, value) in std::env::vars_os() {
+                let (Some(name), Some(value)) = (name.to_str(), value.to_str().filter(|v| !v.is_empty())) else {
+                    continue;
+                };
+                if let (true, Ok(key)) = (name.starts_with("AWS_"), name.to_ascii_lowercase().parse()) {
+                    builder = builder.with_config(key, value);
+                }
+            }
+            if let Some(profile) = super::profile::Profile::chosen()? {
+                builder = profile.into_builder(builder)?;
+            }
+            let endpoint = endpoint(address.scheme);
+            if !endpoint.is_empty() {
+                allowed(&endpoint)?;
+                builder = builder.with_endpoint(endpoint);
+            }
+            for (key, _, value) in unset("AWS") {
+                builder = builder.with_config(AmazonS3ConfigKey::Client(key), value);
+            }
+            Arc::new(builder.build().map_err(wrong)?)
+        }
+        Scheme::Gs => {
+            let mut builder = GoogleCloudStorageBuilder::from_env().with_bucket_name(bucket).with_retry(retry);
+            for (key, _, value) in unset("GOOGLE") {
+                builder = builder.with_config(GoogleConfigKey::Client(key), value);
+            }
+            Arc::new(builder.build().map_err(wrong)?)
+        }
+        Scheme::Az => {
+            let mut builder = MicrosoftAzureBuilder::from_env().with_container_name(bucket).with_retry(retry);
+            for (key, _, value) in unset("AZURE") {
+                builder = builder.with_config(AzureConfigKey::Client(key), value);
+            }
+            Arc::new(builder.build().map_err(wrong)?)
+        }
+    };
+    Ok(Bucket::new(objects, address.clone()))
+}
+
+/// Whether an endpoint of S3 is one: an address, with TLS unless the environment allows one without.
+#[cfg(feature = "object-stores")]
+fn allowed(endpoint: &str) -> Result<(), Fault> {
+    let plain = std::env::var("AWS_ALLOW_HTTP").is_ok_and(|v| matches!(v.to_ascii_lowercase().as_str(), "true" | "1"));
+    match url::Url::parse(endpoint).ok().filter(|url| url.has_host()).as_ref().map(url::Url::scheme) {
+        Some("https") => Ok(()),
+        Some("http") if plain => Ok(()),
+        Some("http") => Err(Fault::machine("the endpoint of S3 is an address without TLS")
+            .help("allow it with AWS_ALLOW_HTTP=true, or name one with https://")),
+        Some(_) | None => Err(Fault::machine("the endpoint of S3 is not an address (AWS_ENDPOINT_URL)")
+            .help("write it as https://HOST or http://HOST:PORT")),
+    }
+}

@@ -1,0 +1,17 @@
+//! Object stores: `s3://`, `gs://` and `az://` as places of stores, inputs and published data sets.
+//!
+//! [`Bucket`] is what the rest of the crate knows of them: objects by name below an address, read and written as a whole, some
+//! of them on a condition. What is read is kept in a folder of this machine, the cache: see [`cache`].
+
+mod address;
+mod bucket;
+pub mod cache;
+mod connect;
+mod files;
+#[cfg(feature = "object-stores")]
+mod profile;
+
+pub use address::{Address, Place, place};
+pub use bucket::{Bucket, Listed, each};
+pub use connect::{connect, supported};
+pub use files::{beside, find, fixed, whole};

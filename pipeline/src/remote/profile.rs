@@ -1,0 +1,136 @@
+//! Profiles of the AWS command line: `AWS_PROFILE` in `~/.aws/credentials` and `~/.aws/config`.
+//!
+//! Keys that stand there are read, with the region and the endpoint. Those that a program has to ask for (single sign-on,
+//! roles, `credential_process`) are not: `aws configure export-credentials --format env` turns them into variables.
+
+use std::{collections::HashMap, env, fs, io, path::PathBuf};
+
+use object_store::aws::AmazonS3Builder;
+use schemas::Fault;
+
+/// What a profile says. It holds secrets, and cannot be printed.
+#[derive(Clone, Default)]
+pub struct Profile {
+    name: String,
+    access_key_id: Option<String>,
+    secret_access_key: Option<String>,
+    session_token: Option<String>,
+    region: Option<String>,
+    /// The address of the server.
+    pub endpoint_url: Option<String>,
+    /// Whether it names credentials that are not read here.
+    other: bool,
+}
+
+fn set(name: &str) -> Option<String> {
+    env::var(name).ok().filter(|v| !v.is_empty())
+}
+
+/// The keys of the section `name` of a file in the form of the AWS command line.
+fn section(text: &str, name: &str) -> Option<HashMap<String, String>> {
+    let mut found: Option<HashMap<String, String>> = None;
+    let mut inside = false;
+    for line in text.lines() {
+        // An indented line belongs to a key with several.
+        if line.starts_with([' ', '\t', '#', ';']) {
+            continue;
+        }
+        let line = line.trim();
+        if let Some(head) = line.strip_prefix('[').and_then(|l| l.split(']').next()) {
+            let head = head.trim();
+            inside = head == name || head.strip_prefix("profile ").map(str::trim) == Some(name);
+            if inside {
+                found.get_or_insert_default();
+            }
+        } else if let (true, Some((key, value))) = (inside, line.split_once('=')) {
+            found.get_or_insert_default().insert(key.trim().to_ascii_lowercase(), value.trim().to_owned());
+        }
+    }
+    found
+}
+
+impl Profile {
+    /// The profile that the environment names, or `default` where there is one.
+    ///
+    /// # Errors
+    /// Fails for a profile that is named and not there, and for a file that cannot be read.
+    pub fn chosen() -> Result<Option<Profile>, Fault> {
+        let named = set("AWS_PROFILE").or_else(|| set("AWS_DEFAULT_PROFILE"));
+        let name = named.clone().unwrap_or_else(|| "default".to_owned());
+        let home = || set("HOME").map(|home| PathBuf::from(home).join(".aws"));
+        let file = |variable: &str, own: &str| set(variable).map(PathBuf::from).or_else(|| Some(home()?.join(own)));
+        let files = [file("AWS_CONFIG_FILE", "config"), file("AWS_SHARED_CREDENTIALS_FILE", "credentials")];
+        let mut texts = vec![];
+        for path in files.into_iter().flatten() {
+            match fs::read_to_string(&path) {
+                Ok(text) => texts.push(text),
+                Err(e) if e.kind() == io::ErrorKind::NotFound => {}
+                Err(e) => return Err(Fault::machine(format!("cannot read {}: {e}", path.display()))),
+            }
+        }
+        match (Profile::of(&texts, &name), named) {
+            (None, Some(name)) => Err(Fault::machine(format!("there is no profile `{name}` (AWS_PROFILE)"))
+                .help("it is looked for in ~/.aws/credentials and ~/.aws/config")),
+            (found, _) => Ok(found),
+        }
+    }
+
+    /// The profile `name` in these texts, the later ones before the earlier.
+    fn of(texts: &[String], name: &str) -> Option<Profile> {
+        let mut all: Option<HashMap<String, String>> = None;
+        for keys in texts.iter().filter_map(|text| section(text, name)) {
+            all.get_or_insert_default().extend(keys);
+        }
+        let mut keys = all?;
+        let other = ["sso_session", "sso_start_url", "role_arn", "credential_process", "credential_source"];
+        Some(Profile {
+            name: name.to_owned(),
+            other: other.iter().any(|key| keys.contains_key(*key)),
+            access_key_id: keys.remove("aws_access_key_id"),
+            secret_access_key: keys.remove("aws_secret_access_key"),
+            session_token: keys.remove("aws_session_token"),
+            region: keys.remove("region"),
+            endpoint_url: keys.remove("endpoint_url"),
+        })
+    }
+
+    /// Puts what it says into `builder`, where the environment does not say it.
+    pub(super) fn into_builder(self, mut builder: AmazonS3Builder) -> Result<AmazonS3Builder, Fault> {
+        if let (None, Some(id), Some(secret)) = (set("AWS_ACCESS_KEY_ID"), &self.access_key_id, &self.secret_access_key)
+        {
+            builder = builder.with_access_key_id(id).with_secret_access_key(secret);
+            if let Some(token) = &self.session_token {
+                builder = builder.with_token(token);
+            }
+        } else if self.other && self.access_key_id.is_none() && set("AWS_ACCESS_KEY_ID").is_none() {
+            let what = format!("the profile `{}` names credentials that a program has to ask for", self.name);
+            return Err(Fault::machine(what)
+                .help("`eval \"$(aws configure export-credentials --format env)\"` puts them into the environment"));
+        }
+        if let (None, None, Some(region)) = (set("AWS_REGION"), set("AWS_DEFAULT_REGION"), &self.region) {
+            builder = builder.with_region(region);
+        }
+        Ok(builder)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+
+    #[test]
+    fn unit_profiles_are_read_as_the_command_line_reads_them() {
+        let config = "[default]\nregion = eu-central-1\n\n[profile lab]\nregion=us-west-2\ns3 =\n  max_concurrent_requests = 5\nendpoint_url = http://x:1\n[profile sso]\nsso_session = a\n";
+        let credentials = "# a remark\n[lab]\naws_access_key_id = ID\naws_secret_access_key = a=b/c\n[other]\naws_access_key_id = NO\n";
+        let texts = [config.to_owned(), credentials.to_owned()];
+        let lab = Profile::of(&texts, "lab").unwrap();
+        assert_eq!(lab.access_key_id.as_deref(), Some("ID"));
+        assert_eq!(lab.secret_access_key.as_deref(), Some("a=b/c"));
+        assert_eq!((lab.region.as_deref(), lab.endpoint_url.as_deref()), (Some("us-west-2"), Some("http://x:1")));
+        assert!(Profile::of(&texts, "sso").unwrap().other && !lab.other);
+        assert!(Profile::of(&texts, "none").is_none());
+        assert_eq!(Profile::of(&texts, "default").unwrap().access_key_id, None);
+    }
+}

@@ -1,0 +1,223 @@
+//! The lock of a pipeline in an object store: the lease of `store/lock.rs`, as objects that only one can create.
+
+use std::{
+    sync::{
+        Arc, Condvar, Mutex, PoisonError,
+        atomic::{AtomicBool, Ordering},
+    },
+    thread::JoinHandle,
+    time::{Duration, SystemTime},
+};
+
+use schemas::Fault;
+use serde::{Deserialize, Serialize};
+use uuid::Uuid;
+
+use super::{
+    super::lock::{GONE_AFTER, Held, Holder},
+    Remote,
+};
+use crate::remote::Listed;
+
+/// The interval of the signs of life.
+const BEAT: Duration = Duration::from_secs(15);
+
+/// What a lease says.
+#[derive(Clone, Serialize, Deserialize)]
+struct Said {
+    holder: Holder,
+    /// The cache of the holder. Processes of one boot that have the same one see each other's locks of the operating system.
+    cache: String,
+    /// Of this lease alone.
+    once: String,
+}
+
+/// A lease in the store.
+struct Lease {
+    number: u64,
+    key: String,
+    written: SystemTime,
+}
+
+/// The lease of this process.
+pub struct RemoteLease {
+    remote: Arc<Remote>,
+    pipeline: String,
+    number: u64,
+    said: Said,
+    shared: Arc<Shared>,
+    heart: Option<JoinHandle<()>>,
+}
+
+#[derive(Default)]
+struct Shared {
+    over: Mutex<bool>,
+    wake: Condvar,
+    lost: AtomicBool,
+}
+
+fn start(pipeline: &str) -> String {
+    format!("locks/{pipeline}.lease-")
+}
+
+fn text(said: &Said) -> Result<Vec<u8>, Fault> {
+    serde_json::to_vec(said).map_err(|e| Fault::machine(e.to_string()))
+}
+
+impl Remote {
+    /// The leases of a pipeline, sorted.
+    fn leases(&self, pipeline: &str) -> Result<Vec<Lease>, Fault> {
+        let start = start(pipeline);
+        let one = |o: Listed| {
+            Some(Lease { number: o.key.strip_prefix(&start)?.parse().ok()?, written: o.modified, key: o.key })
+        };
+        let mut found: Vec<Lease> = self.bucket.list_flat("locks")?.into_iter().filter_map(one).collect();
+        found.sort_by_key(|lease| lease.number);
+        Ok(found)
+    }
+
+    fn said(&self, lease: &Lease) -> Result<Option<Said>, Fault> {
+        Ok(self.bucket.get(&lease.key)?.and_then(|bytes| serde_json::from_slice(&bytes).ok()))
+    }
+
+    /// The time by the server's clock.
+    fn time(&self) -> Result<SystemTime, Fault> {
+        let probe = format!("tmp/{}", Uuid::new_v4());
+        self.bucket.put(&probe, b"\n".to_vec())?;
+        let about = self.bucket.about(&probe);
+        self.bucket.remove(&probe)?;
+        about?.map(|o| o.modified).ok_or_else(|| Fault::machine("an object that was just written is not there"))
+    }
+
+    /// The number of the last lease of `pipeline`, 0 before the first; `None` while it is held.
+    ///
+    /// # Errors
+    /// Fails when the server cannot be reached or refuses.
+    pub fn generation(&self, pipeline: &str) -> Result<Option<u64>, Fault> {
+        let Some(last) = self.leases(pipeline)?.pop() else { return Ok(Some(0)) };
+        Ok(self.said(&last)?.filter(|said| said.holder.is_free()).map(|_| last.number))
+    }
+
+    /// Whether a run of any pipeline is at work, as far as its lease says.
+    pub(super) fn is_busy(&self) -> Result<bool, Fault> {
+        let now = self.time()?;
+        for lease in self.bucket.list_flat("locks")?.into_iter().filter(|o| o.key.contains(".lease-")) {
+            let lease = Lease { number: 0, written: lease.modified, key: lease.key };
+            let free = self.said(&lease)?.is_some_and(|said| self.is_over(&said));
+            if !free && !is_silent(now, lease.written) {
+                return Ok(true);
+            }
+        }
+        Ok(false)
+    }
+
+    /// Whether the holder has released its lease, or would hold the lock of this cache.
+    fn is_over(&self, said: &Said) -> bool {
+        let boot = Holder::this().boot;
+        said.holder.is_free() || (said.cache == self.cache && !boot.is_empty() && said.holder.boot == boot)
+    }
+
+    /// Takes the lease of `pipeline`, by a process that has the lock of the cache; or says who has it.
+    ///
+    /// # Errors
+    /// Fails when the server cannot be reached or refuses.
+    pub fn lease(self: &Arc<Remote>, pipeline: &str) -> Result<Result<RemoteLease, Held>, Fault> {
+        let last = self.leases(pipeline)?.pop();
+        let number = last.as_ref().map_or(1, |lease| lease.number.saturating_add(1));
+        if let Some(lease) = last {
+            let said = self.said(&lease)?;
+            if !said.as_ref().is_some_and(|said| self.is_over(said)) {
+                let now = self.time()?;
+                if !is_silent(now, lease.written) {
+                    let silent = now.duration_since(lease.written).ok();
+                    return Ok(Err(Held { holder: said.map(|s| s.holder), silent }));
+                }
+            }
+        }
+        let said = Said { holder: Holder::this(), cache: self.cache.clone(), once: Uuid::new_v4().to_string() };
+        let key = format!("{}{number}", start(pipeline));
+        let made = self.bucket.create(&key, &text(&said)?)?;
+        let known = self.leases(pipeline)?;
+        if !made || known.last().is_none_or(|lease| lease.number != number) {
+            if made {
+                self.bucket.remove(&key)?;
+            }
+            let holder = known.last().map(|lease| self.said(lease)).transpose()?.flatten().map(|said| said.holder);
+            return Ok(Err(Held { holder, silent: None }));
+        }
+        for older in known.iter().filter(|lease| lease.number < number) {
+            // What stays is of a lower number, and removed another time.
+            let _ = self.bucket.remove(&older.key);
+        }
+        Ok(Ok(RemoteLease::start(self.clone(), pipeline, number, said)?))
+    }
+}
+
+fn is_silent(now: SystemTime, written: SystemTime) -> bool {
+    now.duration_since(written).is_ok_and(|silent| silent >= GONE_AFTER)
+}
+
+impl RemoteLease {
+    fn start(remote: Arc<Remote>, pipeline: &str, number: u64, said: Said) -> Result<RemoteLease, Fault> {
+        let shared = Arc::new(Shared::default());
+        let (of_thread, store, name, bytes) = (shared.clone(), remote.clone(), pipeline.to_owned(), text(&said)?);
+        let beat = move || {
+            let mut over = of_thread.over.lock().unwrap_or_else(PoisonError::into_inner);
+            while !*over {
+                let waited = of_thread.wake.wait_timeout(over, BEAT).unwrap_or_else(PoisonError::into_inner);
+                over = waited.0;
+                if *over || !waited.1.timed_out() {
+                    continue;
+                }
+                // The server sets the time of the object by its own clock. A sign that is not written is one that others
+                // do not see.
+                match store.leases(&name).map(|all| all.last().map(|lease| lease.number)) {
+                    Ok(last) if last != Some(number) => {
+                        of_thread.lost.store(true, Ordering::SeqCst);
+                        return;
+                    }
+                    Ok(_) => drop(store.bucket.put(&format!("{}{number}", start(&name)), bytes.clone())),
+                    Err(_) => {}
+                }
+            }
+        };
+        let thread = std::thread::Builder::new().name("lease".to_owned()).spawn(beat);
+        let thread = thread.map_err(|e| Fault::machine(format!("cannot start a thread: {e}")))?;
+        Ok(RemoteLease { remote, pipeline: pipeline.to_owned(), number, said, shared, heart: Some(thread) })
+    }
+
+    /// Its number.
+    pub fn number(&self) -> u64 {
+        self.number
+    }
+
+    /// Whether it is still this process'; otherwise who has it now.
+    ///
+    /// # Errors
+    /// Fails when the server cannot be reached or refuses.
+    pub fn taken_by(&self) -> Result<Option<String>, Fault> {
+        let last = self.remote.leases(&self.pipeline)?.pop();
+        let own = last.as_ref().is_some_and(|lease| lease.number == self.number);
+        if own && !self.shared.lost.load(Ordering::SeqCst) {
+            return Ok(None);
+        }
+        let said = last.map(|lease| self.remote.said(&lease)).transpose()?.flatten();
+        Ok(Some(said.map_or_else(|| "another process".to_owned(), |said| said.holder.to_string())))
+    }
+}
+
+impl Drop for RemoteLease {
+    fn drop(&mut self) {
+        *self.shared.over.lock().unwrap_or_else(PoisonError::into_inner) = true;
+        self.shared.wake.notify_all();
+        self.heart.take().into_iter().for_each(|t| drop(t.join()));
+        if self.shared.lost.load(Ordering::SeqCst) {
+            return;
+        }
+        self.said.holder.release();
+        // Where it fails the lease is over when it is old.
+        if let Ok(bytes) = text(&self.said) {
+            let _ = self.remote.bucket.put(&format!("{}{}", start(&self.pipeline), self.number), bytes);
+        }
+    }
+}

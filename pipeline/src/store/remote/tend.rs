@@ -1,0 +1,174 @@
+//! Maintenance of a store in an object store.
+
+use std::{
+    collections::{BTreeSet, HashSet},
+    fs,
+    time::{Duration, SystemTime},
+};
+
+use schemas::Fault;
+
+use super::{
+    super::{
+        Store, attempts, catalogue,
+        sealed::{Trouble, verify},
+        tend::{Collect, Collected, Scrubbed},
+    },
+    Remote,
+};
+use crate::{
+    keys::Key,
+    remote::{Listed, each},
+};
+
+/// Results that are younger are kept: workers of other machines may be about to name them.
+const YOUNG: Duration = Duration::from_secs(3600);
+
+/// Whether an object is at least so old; by the server's clock and this one, which may differ by a little.
+fn is_old(about: &Listed, than: Duration) -> bool {
+    than.is_zero() || SystemTime::now().duration_since(about.modified).is_ok_and(|age| age >= than)
+}
+
+impl Remote {
+    /// The pipelines that have versions.
+    fn pipelines(&self) -> Result<BTreeSet<String>, Fault> {
+        let all = self.bucket.list("versions")?;
+        Ok(all.iter().filter_map(|o| o.key.split('/').nth(1)).map(str::to_owned).collect())
+    }
+
+    /// Drops versions that are not the newest, and packs that no version references; the copies of the cache too.
+    ///
+    /// # Errors
+    /// Fails when the server cannot be reached or refuses.
+    pub fn collect(&self, store: &Store, what: Collect) -> Result<Collected, Fault> {
+        let alone = store.alone()?;
+        let tried = self.bucket.list(attempts::FOLDER)?;
+        let busy = alone.is_none() || self.is_busy()? || tried.iter().any(|o| !is_old(o, YOUNG));
+        let mut done = Collected { busy, ..Collected::default() };
+        let mut live: HashSet<String> = HashSet::new();
+        for name in self.pipelines()? {
+            let now = self.newest(&name)?;
+            let kept = if now.is_some() { what.keep.max(1) } else { 0 };
+            let all = self.numbers(&name)?;
+            let spare = all.len().saturating_sub(kept);
+            for (i, number) in all.into_iter().enumerate() {
+                let list = self.bucket.about(&format!("versions/{name}/{number}/version.json"))?;
+                let old = list.is_none_or(|o| is_old(&o, what.older_than));
+                // One above the newest is being written, or was never published.
+                let unfinished = busy && now.is_none_or(|now| number > now);
+                if i < spare && now != Some(number) && old && !unfinished {
+                    done.versions.push(format!("{name}/{number}"));
+                    if !what.dry {
+                        self.drop_version(&name, number)?;
+                    }
+                } else {
+                    live.extend(self.manifest(&name, number)?.into_iter().flat_map(|m| m.packs));
+                }
+            }
+        }
+        for file in self.bucket.list("damaged")?.iter().filter(|o| is_old(o, what.older_than)) {
+            done.damaged += 1;
+            if !what.dry {
+                self.bucket.remove(&file.key)?;
+            }
+        }
+        if busy {
+            return Ok(done);
+        }
+        if !what.dry {
+            store.drop_checkpoints(|_| false, Some(what.older_than));
+            store.drop_attempts(|_| false, Some(what.older_than));
+            store.drop_plans(what.older_than);
+        }
+        let id = |o: &Listed| o.key.rsplit('/').next()?.strip_suffix(".parquet").and_then(Key::parse);
+        let packs = self.bucket.list("objects")?;
+        let dead: Vec<&Listed> = packs
+            .iter()
+            .filter(|o| id(o).is_some_and(|id| !live.contains(&id.to_string())) && is_old(o, what.older_than))
+            .collect();
+        done.packs = dead.len();
+        done.bytes = dead.iter().map(|o| o.size).sum();
+        if what.dry {
+            return Ok(done);
+        }
+        each(&dead, |o| self.bucket.remove(&o.key))?;
+        for id in dead.iter().filter_map(|o| id(o)) {
+            // What stays of a copy costs space alone.
+            let _ = fs::remove_file(catalogue::path(&self.root, id));
+            store.catalogue_mut().remove(id);
+        }
+        store.write_index()?;
+        Ok(done)
+    }
+
+    /// Reads every byte of the store, not of the cache. Packs that do not verify are set aside.
+    ///
+    /// # Errors
+    /// Fails when the server cannot be reached or refuses.
+    pub fn scrub(&self, store: &Store, tick: &(dyn Fn(usize, usize) + Sync)) -> Result<Scrubbed, Fault> {
+        let mut found = Scrubbed::default();
+        for text in store.damaged() {
+            let (path, why) = text.split_once(": ").unwrap_or((&text, ""));
+            found.damaged.insert(path.into(), why.to_owned());
+        }
+        let named = |key: &str| format!("{}/{key}", self.bucket.address());
+        let mut own = vec![];
+        for name in self.pipelines()? {
+            for number in self.numbers(&name)? {
+                match self.manifest(&name, number)? {
+                    None => {
+                        let key = format!("versions/{name}/{number}/version.json");
+                        found.damaged.insert(named(&key).into(), "its checksum is wrong".to_owned());
+                    }
+                    Some(manifest) => {
+                        let files = manifest.tables.into_iter().flat_map(|t| t.files.into_iter().chain(t.units));
+                        let plain = files.filter(|f| f.pack.is_none());
+                        own.extend(plain.map(|f| (format!("versions/{name}/{number}/{}", f.name), f.hash)));
+                    }
+                }
+            }
+        }
+        let packs: Vec<Key> = store.catalogue().packs().map(|p| p.id).collect();
+        let all = packs.len() + own.len();
+        for (i, id) in packs.into_iter().enumerate() {
+            tick(i, all);
+            let tmp = self.temporary()?;
+            let key = Remote::pack_key(id);
+            if !self.bucket.fetch(&key, &tmp, None)? {
+                found.damaged.insert(named(&key).into(), "it is gone".to_owned());
+                store.catalogue_mut().remove(id);
+                continue;
+            }
+            found.files += 1;
+            found.bytes += fs::metadata(&tmp).map_or(0, |m| m.len());
+            match verify(&tmp) {
+                Ok(()) | Err(Trouble::Gone) => {}
+                Err(Trouble::Machine(why)) => {
+                    return Err(Fault::machine(format!("cannot read {}: {why}", named(&key))));
+                }
+                Err(Trouble::Damaged(why)) => {
+                    store.set_aside(id, &why);
+                    found.damaged.insert(named(&key).into(), why);
+                }
+            }
+            let _ = fs::remove_file(&tmp);
+        }
+        let before = all - own.len();
+        for (i, (key, hash)) in own.into_iter().enumerate() {
+            tick(before + i, all);
+            let wrong = match self.bucket.get(&key)? {
+                None => Some("it is gone"),
+                Some(bytes) => {
+                    found.files += 1;
+                    found.bytes += bytes.len() as u64;
+                    (Some(Key::of([&bytes]).to_string()) != hash).then_some("it is not as it was written")
+                }
+            };
+            if let Some(why) = wrong {
+                found.damaged.insert(named(&key).into(), why.to_owned());
+            }
+        }
+        store.write_index()?;
+        Ok(found)
+    }
+}
