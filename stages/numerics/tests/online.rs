@@ -17,7 +17,9 @@ use numerics::{
     earth::{attitude::body_to_ned, core_field::CoreField, geodesy::EarthModel},
     maps::{FieldMap, Interpolation, MapSurface},
     navigation::{
-        EkfParameters, InsErrorModel, NavigationLine, NavigationOutput, ekf,
+        EkfParameters, InsErrorModel, NavigationLine, NavigationOutput,
+        aids::Aids,
+        ekf,
         ins_error::simulate_ins_error,
         pinson::{LAT, LON},
     },
@@ -103,6 +105,7 @@ impl Flight {
             errors: InsErrorModel::default(),
             offset_window_s: 0.0,
             fixes: None,
+            aids: Aids::default(),
         };
         let magnetometer =
             Magnetometer { measurement_nt, sigma_nt: &sigma_nt, terms: &self.terms, prior, walk_density };
@@ -346,7 +349,7 @@ fn law_an_online_network_follows_an_aircraft_that_changes() {
                 fixes: None,
             };
             let parameters = OnlineParameters { keep_states: true, ..OnlineParameters::default() };
-            let output = nn_run(&line, &network, &features, prior, &parameters).unwrap();
+            let output = nn_run(&line, &network, &features, prior, &Aids::default(), &parameters).unwrap();
             flight.drms_m(&output.navigation, half..all).powi(2) / runs as f64
         };
         online += filtered(&prior, SIGMA_NT.hypot(prior.misfit_nt));
@@ -385,6 +388,7 @@ fn unit_time_of_a_step() {
         errors: InsErrorModel::default(),
         offset_window_s: 0.0,
         fixes: None,
+        aids: Aids::default(),
     };
     let prior = CoefficientPrior::independent(&[0.0; 18], &[40.0; 18]);
     let sigma_nt = vec![5.0; SAMPLES as usize];

@@ -1,8 +1,10 @@
 //! The Cramér-Rao bound along the true path.
 
+use arrow_array::ArrayRef;
 use numerics::navigation::{
-    crlb::{TruePath, run},
+    crlb::{TruePath, run, run_aided},
     line::NavigationLine,
+    output::NavigationOutput,
     pinson::STATES,
     transition::NoiseDiscretisation,
 };
@@ -10,6 +12,7 @@ use schemas::{Column, Fault};
 
 use super::aiding::{Aiding, both};
 use super::filter::{Flight, Flown, NavigationFilter, Track, filter, state_columns};
+use super::further::{Further, updates};
 use crate::columns::{data, floats, list};
 
 /// The truth that it reads of the flight, beside what every filter is handed.
@@ -25,7 +28,7 @@ filter! {
     /// noise keys give it: its mean says whether they are those of the data. `vn`, `ve`, `vd` are the INS's.
     ///
     /// Source: Tichavský, Muravchik & Nehorai 1998; MagNav.jl's `crlb`, with which it agrees to 8 digits.
-    Crlb = "crlb", version 1, groups [aiding: Aiding], example "discretisation = \"trapezoidal\"";
+    Crlb = "crlb", version 1, groups [aiding: Aiding, further: Further], example "discretisation = \"trapezoidal\"";
     /// How the process noise becomes a step's covariance: to second order, to first order as MagNav.jl, or exactly.
     discretisation: NoiseDiscretisation, unit "", default NoiseDiscretisation::Trapezoidal;
     /// Append the covariance `p` (row-major).
@@ -37,16 +40,29 @@ impl NavigationFilter for Crlb {
         let faults: Vec<Fault> =
             TRUTH.iter().filter_map(|(name, unit)| flight.shape.number(name, unit).err()).collect();
         let truth = if faults.is_empty() { Ok(TRUTH.map(|(name, _)| name.to_owned()).to_vec()) } else { Err(faults) };
-        both(truth, self.aiding.reads(flight))
+        both(truth, both(self.aiding.reads(flight), self.further.reads(flight)))
+    }
+
+    fn takes_field(&self) -> bool {
+        self.further.use_scalar
+    }
+
+    fn takes_direction(&self) -> bool {
+        self.further.takes_direction()
     }
 
     fn columns(&self, _: &Flight) -> Vec<Column> {
         // There is no state.
-        if self.save_state { state_columns().into_iter().filter(|c| c.name == "p").collect() } else { vec![] }
+        let state = state_columns().into_iter().filter(|column| self.save_state && column.name == "p");
+        state.chain(self.further.columns()).collect()
     }
 
     fn idle(&self, key: &str) -> Option<Fault> {
-        self.aiding.idle(key)
+        let what = "the bound knows the map, so that no sample is too flat";
+        (key == "flat_over_m")
+            .then(|| Fault::new(what).of_param(key))
+            .or_else(|| self.aiding.idle(key))
+            .or_else(|| self.further.idle(key))
     }
 
     fn navigate(&self, flown: &Flown) -> Result<Track, Fault> {
@@ -55,13 +71,22 @@ impl NavigationFilter for Crlb {
         let [lat_deg, lon_deg, alt_m] = TRUTH.map(|(name, _)| floats(flown.columns, name));
         let [lat_deg, lon_deg, alt_m] = [lat_deg?, lon_deg?, alt_m?];
         let path = TruePath { lat_deg, lon_deg, alt_m, velocity_ned_mps: None };
-        let mut out = run(&line, &path, self.save_state).map_err(data)?;
-        let p = std::mem::take(&mut out.p);
-        let mut track = Track::of(flown, out, None)?;
-        if self.save_state {
-            track.more.push(list(p.into_flattened().into_flattened(), STATES * STATES)?);
+        let covariances = |out: &mut NavigationOutput| -> Result<Vec<ArrayRef>, Fault> {
+            let p = std::mem::take(&mut out.p).into_flattened().into_flattened();
+            Ok(if self.save_state { vec![list(p, STATES * STATES)?] } else { vec![] })
+        };
+        if self.further.is_any() {
+            let measured = self.further.measured(flown)?;
+            let aids = self.further.aids(flown, &measured)?;
+            let mut out = run_aided(&line, &path, self.save_state, &aids).map_err(data)?;
+            self.further.enough(flown, &out.navigation.report)?;
+            let mut more = covariances(&mut out.navigation)?;
+            more.extend(self.further.arrays(out.aids, out.slope_nt_per_m));
+            return Ok(Track { more, update: updates(&out.usage), ..Track::without_updates(out.navigation) });
         }
-        Ok(track)
+        let mut out = run(&line, &path, self.save_state).map_err(data)?;
+        let more = covariances(&mut out)?;
+        Ok(Track { more, ..Track::of(flown, out, None)? })
     }
 }
 

@@ -20,7 +20,7 @@ filter! {
     /// the temporal variation. The map is linearised at the estimated position of each sample.
     ///
     /// Source: thesis 000, section 5.3, with F and H checked against finite differences and the process noise discretised.
-    Ekf = "ekf", version 2, groups [aiding: Aiding, further: Further], example "discretisation = \"trapezoidal\"";
+    Ekf = "ekf", version 3, groups [aiding: Aiding, further: Further], example "discretisation = \"trapezoidal\"";
     /// Append the state `x` and its covariance `p` (row-major).
     save_state: bool, unit "", default false;
     /// A measurement whose squared innovation over its variance is above this is not used.

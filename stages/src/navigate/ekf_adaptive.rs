@@ -1,14 +1,18 @@
 //! The extended Kalman filter with noise that it learns from its own innovations.
 
+use arrow_array::ArrayRef;
 use numerics::navigation::{
-    adaptive::{Adapt, AdaptiveForm, AdaptiveParameters, Magnetometer, run},
+    adaptive::{Adapt, Adapted, AdaptiveForm, AdaptiveParameters, Magnetometer, run, run_aided},
+    aided::AidedOutput,
     line::NavigationLine,
+    output::NavigationOutput,
     transition::NoiseDiscretisation,
 };
 use schemas::{Column, Fault, Rule};
 
-use super::aiding::Aiding;
-use super::filter::{Flight, Flown, NavigationFilter, Track, filter, state_arrays, state_columns};
+use super::aiding::{Aiding, both};
+use super::filter::{Flight, Flown, NavigationFilter, Track, enough, filter, state_arrays, state_columns};
+use super::further::{Further, updates};
 use crate::columns::{array, data};
 
 /// The bounds of the learnt noise where they are not given, as factors of the expected one.
@@ -27,10 +31,10 @@ filter! {
     ///
     /// With `noise_column`, the noise that a network or an ensemble expects of each sample, the factor is learnt that all of it is
     /// wrong by, and its course over time is believed. Where the position is known less well than the measurement, just after
-    /// noise has ended, innovations tell little of the noise: the lower bound matters then.
+    /// noise has ended, innovations tell little of the noise: the lower bound matters then, or `form = "residual"`.
     ///
     /// Source: thesis 000, (5.46)-(5.49) and section 5.9.3; Mehra 1972; Mohamed & Schwarz 1999.
-    EkfAdaptive = "ekf_adaptive", version 1, groups [aiding: Aiding], example "window = 50";
+    EkfAdaptive = "ekf_adaptive", version 1, groups [aiding: Aiding, further: Further], example "window = 50";
     /// Which noise is learnt: of the measurement (`"r"`), of the process (`"q"`), or both.
     adapt: Adapt, unit "", default Adapt::R;
     /// How many innovations are looked back on. With 50 the noise is known to 10 %. With 10, as MagNav.jl, it is near 0
@@ -41,7 +45,8 @@ filter! {
     /// The largest noise that is learnt.
     sigma_max_nt: Option<f64>, unit "nT", absent "20 times `measurement_sigma_nt`, or 20 times the largest expected noise with `noise_column`", rule Rule::Positive;
     /// How the innovations are matched: each with the covariance of its own time, or as MagNav.jl, which starts at the
-    /// mean of the bounds and takes the present covariance off all.
+    /// mean of the bounds and takes the present covariance off all. `"residual"` takes what the correction leaves of each:
+    /// say it where the position may be known less well than it is measured, at a wide start or after much noise.
     form: AdaptiveForm, unit "", default AdaptiveForm::Matched;
     /// A measurement whose squared innovation over its variance is above this is not used, but learnt from.
     gate_nis: Option<f64>, unit "1", absent "all measurements are used", rule Rule::Positive;
@@ -53,7 +58,12 @@ filter! {
 
 impl NavigationFilter for EkfAdaptive {
     fn reads(&self, flight: &Flight) -> Result<Vec<String>, Vec<Fault>> {
-        self.aiding.reads(flight)
+        let further = both(self.further.reads(flight), self.further.needs_scalar("its noise"));
+        both(self.aiding.reads(flight), further)
+    }
+
+    fn takes_direction(&self) -> bool {
+        self.further.takes_direction()
     }
 
     fn each_magnetometer(&self) -> bool {
@@ -71,6 +81,7 @@ impl NavigationFilter for EkfAdaptive {
         if self.save_state {
             columns.extend(state_columns());
         }
+        columns.extend(self.further.columns());
         columns
     }
 
@@ -78,7 +89,7 @@ impl NavigationFilter for EkfAdaptive {
         let bounds_r = ["sigma_min_nt", "sigma_max_nt", "form"].contains(&key);
         let idle = (bounds_r && self.adapt == Adapt::Q)
             .then(|| Fault::new(format!("`{key}` is of the measurement noise, which `adapt = \"q\"` does not learn")));
-        idle.or_else(|| self.aiding.idle(key))
+        idle.or_else(|| self.aiding.idle(key)).or_else(|| self.further.idle(key))
     }
 
     fn navigate(&self, flown: &Flown) -> Result<Track, Fault> {
@@ -112,13 +123,36 @@ impl NavigationFilter for EkfAdaptive {
                 sigma_max_nt: largest,
             })
             .collect();
+        if self.further.is_any() {
+            let measured = self.further.measured(flown)?;
+            let aids = self.further.aids(flown, &measured)?;
+            let out = run_aided(&parameters, &line, &magnetometers, &aids).map_err(data)?;
+            let AidedOutput { mut navigation, usage, aids, slope_nt_per_m, .. } = out.line;
+            enough(flown, &navigation.report)?;
+            let mut more = self.more(out.magnetometers, out.given_back, &mut navigation)?;
+            more.extend(self.further.arrays(aids, slope_nt_per_m));
+            return Ok(Track { more, update: updates(&usage), ..Track::without_updates(navigation) });
+        }
         let mut out = run(&parameters, &line, &magnetometers).map_err(data)?;
-        let states = if self.save_state { state_arrays(&mut out.navigation)? } else { vec![] };
-        let mut track = Track::of(flown, out.navigation, self.gate_nis)?;
-        track.more.extend(out.magnetometers.into_iter().map(|magnetometer| array(magnetometer.sigma_nt)));
-        track.more.push(array(out.given_back));
-        track.more.extend(states);
-        Ok(track)
+        let more = self.more(out.magnetometers, out.given_back, &mut out.navigation)?;
+        Ok(Track { more, ..Track::of(flown, out.navigation, self.gate_nis)? })
+    }
+}
+
+impl EkfAdaptive {
+    /// What was learnt, and the states where they are asked for.
+    fn more(
+        &self,
+        magnetometers: Vec<Adapted>,
+        given_back: Vec<f64>,
+        navigation: &mut NavigationOutput,
+    ) -> Result<Vec<ArrayRef>, Fault> {
+        let mut more: Vec<ArrayRef> = magnetometers.into_iter().map(|of| array(of.sigma_nt)).collect();
+        more.push(array(given_back));
+        if self.save_state {
+            more.extend(state_arrays(navigation)?);
+        }
+        Ok(more)
     }
 }
 

@@ -13,6 +13,7 @@ use schemas::{Column, ColumnType, Fault, Rule};
 use super::aiding::{Aiding, both};
 use super::calibrations::Calibration as Fitted;
 use super::filter::{Flight, Flown, NavigationFilter, Track, filter};
+use super::further::{Further, updates};
 use crate::{
     columns::{array, data, list, matrix},
     trained::Learned,
@@ -39,7 +40,7 @@ filter! {
     /// cannot represent, so that the filter is too sure of itself where the training did not show what the line then does.
     ///
     /// Source: thesis 000, section 5.6, with the regressor ∂m/∂w in (5.44) and (5.45).
-    EkfOnlineNn = "ekf_online_nn", version 1, groups [aiding: Aiding], example r#"features = "tl"
+    EkfOnlineNn = "ekf_online_nn", version 1, groups [aiding: Aiding, further: Further], example r#"features = "tl"
 gnss_lost_s = [20.0, 1e6]"#;
     /// The list column of the network's inputs, as `features` or `a_matrix` makes it.
     features: String, unit "", default "features";
@@ -89,7 +90,12 @@ impl NavigationFilter for EkfOnlineNn {
                 both(features, Err(vec![fault]))
             }
         };
-        both(features, self.aiding.reads(flight))
+        let further = both(self.further.reads(flight), self.further.needs_scalar("the aircraft's field"));
+        both(both(features, self.aiding.reads(flight)), further)
+    }
+
+    fn takes_direction(&self) -> bool {
+        self.further.takes_direction()
     }
 
     fn columns(&self, flight: &Flight) -> Vec<Column> {
@@ -102,11 +108,12 @@ impl NavigationFilter for EkfOnlineNn {
             names.extend(unit("bias").into_iter().chain(unit("output")).chain(["output_bias".to_owned()]));
             columns.push(Column::list("weights", "", "weights of the network", names));
         }
+        columns.extend(self.further.columns());
         columns
     }
 
     fn idle(&self, key: &str) -> Option<Fault> {
-        self.aiding.idle(key)
+        self.aiding.idle(key).or_else(|| self.further.idle(key))
     }
 
     fn takes_models(&self) -> bool {
@@ -134,14 +141,21 @@ impl NavigationFilter for EkfOnlineNn {
             keep_covariance: false,
             keep_coefficients: self.save_weights,
         };
-        let mut out = online_nn::run(&line, &network, features, &prior, &parameters).map_err(data)?;
+        let measured = self.further.measured(flown)?;
+        let aids = self.further.aids(flown, &measured)?;
+        let mut out = online_nn::run(&line, &network, features, &prior, &aids, &parameters).map_err(data)?;
         out.navigation.report.offset_samples = training;
         let mut more = vec![array(out.track.aircraft_nt)];
         if self.save_weights {
             more.push(list(out.weights_by_row, network.weights())?);
         }
+        more.extend(self.further.arrays(out.aids, out.slope_nt_per_m));
         let mut track = Track::of(flown, out.navigation, self.gate_nis)?;
-        track.update[..training].fill(super::Update::Missing);
+        if self.further.is_any() {
+            track.update = updates(&out.usage);
+        } else {
+            track.update[..training].fill(super::Update::Missing);
+        }
         Ok(Track { more, ..track })
     }
 }

@@ -13,6 +13,7 @@ use schemas::{Column, Fault, Rule};
 use super::aiding::{Aiding, both};
 use super::aircraft::{AircraftModel, one_with_models, step_s};
 use super::filter::{Flight, Flown, NavigationFilter, Track, filter, state_arrays, state_columns};
+use super::further::{Further, updates};
 use crate::a_matrix::runs_of;
 use crate::columns::{array, data};
 
@@ -31,7 +32,7 @@ filter! {
     /// `residual` is that of the first magnetometer used at a sample, `nis` the mean of those used.
     ///
     /// Source: thesis 000, section 5.5, with its (5.39) left out.
-    EkfOnlineTl = "ekf_online_tl", version 1, groups [aiding: Aiding, aircraft: AircraftModel], example "walk_per_hour = 0.1";
+    EkfOnlineTl = "ekf_online_tl", version 1, groups [aiding: Aiding, aircraft: AircraftModel, further: Further], example "walk_per_hour = 0.1";
     /// The random walk of a coefficient: its one sigma after an hour, over that before the line. With 0 the coefficients
     /// are constants.
     walk_per_hour: f64, unit "1", default 0.1, rule Rule::NotNegative;
@@ -64,7 +65,8 @@ impl NavigationFilter for EkfOnlineTl {
             faults.push(Fault::new(what).of_param("flux_bias_sigma_nt"));
         }
         let bias = if faults.is_empty() { Ok(vec![]) } else { Err(faults) };
-        both(both(self.aircraft.reads(flight), self.aiding.reads(flight)), bias)
+        let further = both(self.further.reads(flight), self.further.needs_scalar("the aircraft's field"));
+        both(both(both(self.aircraft.reads(flight), self.aiding.reads(flight)), bias), further)
     }
 
     fn each_magnetometer(&self) -> bool {
@@ -76,7 +78,8 @@ impl NavigationFilter for EkfOnlineTl {
     }
 
     fn takes_direction(&self) -> bool {
-        self.aircraft.heading_error_sigma_nt.is_some() || self.flux_bias_sigma_nt.is_some()
+        let of_aircraft = self.aircraft.heading_error_sigma_nt.is_some() || self.flux_bias_sigma_nt.is_some();
+        of_aircraft || self.further.takes_direction()
     }
 
     fn columns(&self, flight: &Flight) -> Vec<Column> {
@@ -84,6 +87,7 @@ impl NavigationFilter for EkfOnlineTl {
         if self.save_state {
             columns.extend(state_columns());
         }
+        columns.extend(self.further.columns());
         columns
     }
 
@@ -92,6 +96,7 @@ impl NavigationFilter for EkfOnlineTl {
         of_bias
             .then(|| Fault::new(format!("`{key}` has no say without `flux_bias_sigma_nt`")).of_param(key))
             .or_else(|| self.aiding.idle(key))
+            .or_else(|| self.further.idle(key))
     }
 
     fn navigate(&self, flown: &Flown) -> Result<Track, Fault> {
@@ -122,9 +127,15 @@ impl NavigationFilter for EkfOnlineTl {
         };
         let bias = self.bias(flown, &terms.names)?;
         let fluxgate = bias.as_ref().map(|bias| bias.fluxgate());
-        let mut out = run(&LineModel::of(&line), &magnetometers, fluxgate.as_ref(), &parameters).map_err(data)?;
-        let states = if self.save_state { state_arrays(&mut out.navigation)? } else { vec![] };
+        let measured = self.further.measured(flown)?;
+        let model = LineModel { aids: self.further.aids(flown, &measured)?, ..LineModel::of(&line) };
+        let mut out = run(&model, &magnetometers, fluxgate.as_ref(), &parameters).map_err(data)?;
+        let mut states = if self.save_state { state_arrays(&mut out.navigation)? } else { vec![] };
+        states.extend(self.further.arrays(out.aids, out.slope_nt_per_m));
         let mut track = Track::of(flown, out.navigation, self.gate_nis)?;
+        if self.further.is_any() {
+            track.update = updates(&out.usage);
+        }
         track.more.extend(out.magnetometers.into_iter().map(|mag| array(mag.track.aircraft_nt)));
         track.more.extend(states);
         Ok(track)

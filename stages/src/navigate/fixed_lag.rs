@@ -15,6 +15,7 @@ use super::aiding::{Aiding, both};
 use super::aircraft::{AircraftModel, one_with_models, step_s};
 use super::ekf_online_tl::aircraft_columns;
 use super::filter::{Flight, Flown, NavigationFilter, Track, Update, filter};
+use super::further::Further;
 use crate::columns::{array, data};
 
 filter! {
@@ -35,7 +36,7 @@ filter! {
     ///
     /// Source: the windows and their prior as in fixed-lag factor-graph smoothing; each window as the iterated smoother
     /// [Bell 1994] in the form of Bryson and Frazier [Bierman 1973].
-    FixedLag = "fixed_lag", version 1, groups [aircraft: AircraftModel, aiding: Aiding], example "lag_s = 0.0";
+    FixedLag = "fixed_lag", version 1, groups [aircraft: AircraftModel, aiding: Aiding, further: Further], example "lag_s = 0.0";
     /// Length of a window.
     window_s: f64, unit "s", default 300.0, rule Rule::Positive;
     /// The part of a window that it shares with the next: windows end every `window_s` (1 - `overlap`) seconds.
@@ -62,7 +63,8 @@ filter! {
 
 impl NavigationFilter for FixedLag {
     fn reads(&self, flight: &Flight) -> Result<Vec<String>, Vec<Fault>> {
-        both(self.aircraft.reads(flight), self.aiding.reads(flight))
+        let further = both(self.further.reads(flight), self.further.needs_scalar("the aircraft's field"));
+        both(both(self.aircraft.reads(flight), self.aiding.reads(flight)), further)
     }
 
     fn each_magnetometer(&self) -> bool {
@@ -74,11 +76,11 @@ impl NavigationFilter for FixedLag {
     }
 
     fn takes_direction(&self) -> bool {
-        self.aircraft.heading_error_sigma_nt.is_some()
+        self.aircraft.heading_error_sigma_nt.is_some() || self.further.takes_direction()
     }
 
     fn columns(&self, flight: &Flight) -> Vec<Column> {
-        aircraft_columns(flight)
+        aircraft_columns(flight).into_iter().chain(self.further.columns()).collect()
     }
 
     fn idle(&self, key: &str) -> Option<Fault> {
@@ -90,7 +92,7 @@ impl NavigationFilter for FixedLag {
             "aircraft_tau_s" if self.aircraft_sigma_nt == 0.0 => {
                 Some(Fault::new("`aircraft_tau_s` has no say").help("`aircraft_sigma_nt` is 0: leave it out"))
             }
-            _ => self.aiding.idle(key),
+            _ => self.aiding.idle(key).or_else(|| self.further.idle(key)),
         }
     }
 
@@ -115,7 +117,10 @@ impl NavigationFilter for FixedLag {
             .iter()
             .map(|mag| Magnetometer { measurement_nt: &mag.measured_nt, sigma_nt: &sigma_nt, coefficients, error })
             .collect();
-        let output = fixed_lag::run(&self.parameters(), &line, &magnetometers, Keep::default()).map_err(data)?;
+        let measured = self.further.measured(flown)?;
+        let aids = self.further.aids(flown, &measured)?;
+        let output = fixed_lag::run_aided(&self.parameters(), &line, &magnetometers, &aids, Keep::default());
+        let output = output.map_err(data)?;
         self.track(flown, output, magnetometers.len())
     }
 }
@@ -139,6 +144,7 @@ impl FixedLag {
             Usage::Used => Update::Used,
             Usage::Missing => Update::Missing,
             Usage::OffMap => Update::OffMap,
+            Usage::Flat => Update::Flat,
         });
         let update: Vec<Update> = update.collect();
         let mut track = Track::of(flown, output.navigation, None)?;
@@ -146,6 +152,7 @@ impl FixedLag {
         track.update = update;
         let of = |mag: usize| output.aircraft_nt.iter().skip(mag).step_by(magnetometers).copied().collect();
         track.more = (0..magnetometers).map(|mag| array(of(mag))).collect();
+        track.more.extend(self.further.arrays(output.aids, output.slope_nt_per_m));
         Ok(track)
     }
 }

@@ -1,11 +1,15 @@
 //! Measurements beside the scalar field: the difference of two magnetometers, the field's vector, a height; the map's error
 //! as a state, and samples where the map is too flat.
 
+use arrow_array::ArrayRef;
 use numerics::{
     maps::map_surface::Interpolation,
     navigation::{
-        aided::{self, AidedOutput, AidedParameters, Aids, Difference, Height, MapError, Usage, Vector},
+        aided::{
+            self, AidInnovations, AidedOutput, AidedParameters, Aids, Difference, Height, MapError, Usage, Vector,
+        },
         line::NavigationLine,
+        output::NavigationReport,
     },
     signal::gauss_markov::GaussMarkov,
 };
@@ -21,8 +25,8 @@ params! {
     /// map's slope along the line between them. Free of the temporal variation, and of all else that they have in common.
     /// Needs `map_interpolation = "cubic"`: the slope of a bilinear map has steps.
     gradient: Option<[String; 2]>, unit "nT", absent "no difference is measured";
-    /// From the second of `gradient` to the first, along nose, right and down. It is turned by the INS' own attitude: an INS
-    /// without a good heading needs a larger `gradient_sigma_nt`.
+    /// From the second of `gradient` to the first, along nose, right and down. It is turned by the INS' attitude, whose estimated
+    /// error is part of the measurement.
     gradient_baseline_m: Option<[f64; 3]>, unit "m", absent "it has to be said with `gradient`", rule Rule::Finite;
     /// One sigma of the white noise of the difference.
     gradient_sigma_nt: f64, unit "nT", default 0.1, rule Rule::Positive;
@@ -167,23 +171,30 @@ impl Further {
         columns
     }
 
-    /// Filters a line with these measurements.
-    pub(super) fn filter(
-        &self,
-        flown: &Flown,
-        line: &NavigationLine<'_>,
-        parameters: &AidedParameters,
-    ) -> Result<AidedOutput, Fault> {
-        let difference_nt = match &self.gradient {
-            None => vec![],
-            Some(names) => {
-                let [first, second] = names.each_ref().map(|name| floats(flown.columns, name));
-                first?.iter().zip(second?).map(|(first, second)| first - second).collect()
-            }
-        };
+    /// Why it needs the scalar field, in a filter that finds what only that tells.
+    pub(super) fn needs_scalar(&self, what_for: &str) -> Result<Vec<String>, Vec<Fault>> {
+        if self.use_scalar {
+            return Ok(vec![]);
+        }
+        Err(vec![
+            Fault::new(format!("without the scalar field there is nothing to find {what_for} by"))
+                .of_param("use_scalar"),
+        ])
+    }
+
+    /// What is computed of the columns.
+    pub(super) fn measured(&self, flown: &Flown) -> Result<Measured, Fault> {
+        let Some(names) = &self.gradient else { return Ok(Measured { difference_nt: vec![] }) };
+        let [first, second] = names.each_ref().map(|name| floats(flown.columns, name));
+        let difference_nt = first?.iter().zip(second?).map(|(first, second)| first - second).collect();
+        Ok(Measured { difference_nt })
+    }
+
+    /// The measurements along a line.
+    pub(super) fn aids<'a>(&'a self, flown: &'a Flown, measured: &'a Measured) -> Result<Aids<'a>, Fault> {
         let lasting = |sigma, tau_s| GaussMarkov { sigma, tau_s };
         let difference = self.gradient.as_ref().zip(self.gradient_baseline_m).map(|(_, baseline_m)| Difference {
-            difference_nt: &difference_nt,
+            difference_nt: &measured.difference_nt,
             sigma_nt: self.gradient_sigma_nt,
             baseline_m,
             bias: lasting(self.gradient_bias_sigma_nt, self.gradient_bias_tau_s),
@@ -204,19 +215,50 @@ impl Further {
             bias: lasting(self.height_bias_sigma_m, self.height_bias_tau_s),
         });
         let map_error = self.map_sigma_nt.map(|sigma_nt| MapError { sigma_nt, length_m: self.map_sigma_length_m });
-        let aids = Aids { difference, vector, height, map_error, flat_over_m: self.flat_over_m };
-        aided::run(line, &aids, parameters).map_err(data)
+        Ok(Aids { difference, vector, height, map_error, flat_over_m: self.flat_over_m })
+    }
+
+    /// Filters a line with these measurements.
+    pub(super) fn filter(
+        &self,
+        flown: &Flown,
+        line: &NavigationLine<'_>,
+        parameters: &AidedParameters,
+    ) -> Result<AidedOutput, Fault> {
+        let measured = self.measured(flown)?;
+        aided::run(line, &self.aids(flown, &measured)?, parameters).map_err(data)
+    }
+
+    /// Refuses a line of which no measurement could be used.
+    pub(super) fn enough(&self, flown: &Flown, report: &NavigationReport) -> Result<(), Fault> {
+        if self.use_scalar {
+            return enough(flown, report);
+        }
+        if report.updates == 0 {
+            return Err(Fault::data("no sample of the difference or the vector could be used")
+                .help("does the map cover the flight?"));
+        }
+        Ok(())
+    }
+
+    /// The arrays of [`Further::columns`].
+    pub(super) fn arrays(&self, innovations: AidInnovations, slope_nt_per_m: Vec<f64>) -> Vec<ArrayRef> {
+        let mut more = vec![];
+        let AidInnovations { difference, vector, height } = innovations;
+        let there = [self.gradient.is_some(), self.vector_sigma_nt.is_some(), self.height.is_some()];
+        for (of, _) in [difference, vector, height].into_iter().zip(there).filter(|(_, there)| *there) {
+            more.extend([array(of.residual), array(of.nis)]);
+        }
+        if self.flat_over_m.is_some() {
+            more.push(array(slope_nt_per_m));
+        }
+        more
     }
 
     /// The track of what [`Further::filter`] answers: of a filter's own columns first the bend of the map (where `bend`),
     /// then the states, then those of [`Further::columns`].
     pub(super) fn track(&self, flown: &Flown, mut out: AidedOutput, bend: bool, states: bool) -> Result<Track, Fault> {
-        if self.use_scalar {
-            enough(flown, &out.navigation.report)?;
-        } else if out.navigation.report.updates == 0 {
-            return Err(Fault::data("no sample of the difference or the vector could be used")
-                .help("does the map cover the flight?"));
-        }
+        self.enough(flown, &out.navigation.report)?;
         let mut more = vec![];
         if bend {
             more.push(array(std::mem::take(&mut out.nonlinear_sd_nt)));
@@ -224,23 +266,26 @@ impl Further {
         if states {
             more.extend(state_arrays(&mut out.navigation)?);
         }
-        let there = [self.gradient.is_some(), self.vector_sigma_nt.is_some(), self.height.is_some()];
-        for (of, _) in [out.difference, out.vector, out.height].into_iter().zip(there).filter(|(_, there)| *there) {
-            more.extend([array(of.residual), array(of.nis)]);
-        }
-        if self.flat_over_m.is_some() {
-            more.push(array(out.slope_nt_per_m));
-        }
-        let word = |usage: &Usage| match usage {
-            Usage::Used => Update::Used,
-            Usage::Flat => Update::Flat,
-            Usage::Missing => Update::Missing,
-            Usage::OffMap => Update::OffMap,
-            Usage::Gated => Update::Gated,
-        };
-        let update = out.usage.iter().map(word).collect();
-        Ok(Track { update, more, ..Track::without_updates(out.navigation) })
+        more.extend(self.arrays(std::mem::take(&mut out.aids), std::mem::take(&mut out.slope_nt_per_m)));
+        Ok(Track { update: updates(&out.usage), more, ..Track::without_updates(out.navigation) })
     }
+}
+
+/// What is computed of the columns before a line is filtered.
+pub(super) struct Measured {
+    difference_nt: Vec<f64>,
+}
+
+/// What became of the samples.
+pub(super) fn updates(usage: &[Usage]) -> Vec<Update> {
+    let word = |usage: &Usage| match usage {
+        Usage::Used => Update::Used,
+        Usage::Flat => Update::Flat,
+        Usage::Missing => Update::Missing,
+        Usage::OffMap => Update::OffMap,
+        Usage::Gated => Update::Gated,
+    };
+    usage.iter().map(word).collect()
 }
 
 #[cfg(test)]

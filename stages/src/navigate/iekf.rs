@@ -22,7 +22,7 @@ filter! {
     /// A step that would make the state less probable is halved. With `iterations = 1` it is `ekf`.
     ///
     /// Source: Jazwinski 1970, chapter 8; Bell and Cathey 1993, with the line search that they leave out.
-    Iekf = "iekf", version 1, groups [aiding: Aiding, further: Further], example "iterations = 5";
+    Iekf = "iekf", version 2, groups [aiding: Aiding, further: Further], example "iterations = 5";
     /// The most linearisations of the map at a sample.
     iterations: usize, unit "1", default 5usize, rule Rule::Between(1.0, 1000.0);
     /// A step that moves the position by less than this is the last.

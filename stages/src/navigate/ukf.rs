@@ -24,7 +24,7 @@ filter! {
     ///
     /// Source: Julier & Uhlmann 2004; for a measurement that is nonlinear in the position only, Morelande & Ristic
     /// 2006.
-    Ukf = "ukf", version 1, groups [aiding: Aiding, further: Further], example "kappa = 0.0";
+    Ukf = "ukf", version 2, groups [aiding: Aiding, further: Further], example "kappa = 0.0";
     /// Distance of the outer points, as a factor.
     alpha: f64, unit "1", default 1.0, rule Rule::Positive;
     /// What the centre weighs more in the variance than in the mean; at least -alpha² kappa/3. The variance of a

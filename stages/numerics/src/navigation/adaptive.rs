@@ -19,6 +19,19 @@
 //! bounds to speak of, the simulated flights of the tests have R/R̂ of 2.4 and six times the squared error that the
 //! filter claims; with 50, both are right to a tenth. The bounds are what makes a short window usable.
 //!
+//! # Where the position is known less well than it is measured
+//!
+//! H P Hᵀ is then large beside R, and v² − H P Hᵀ a small difference of large numbers, of either sign: a few such innovations put
+//! R̂ at one of its bounds, and at the lower one the filter believes what it measures. [`AdaptiveForm::Residual`] takes the
+//! expected square of the noise given the sample's own measurement instead [Mohamed & Schwarz 1999; Dempster, Laird & Rubin 1977],
+//!
+//! ```text
+//! R̂ = (1/N) Σ (ε_j² + H_j P_j⁺ H_jᵀ),     ε = z − h(x⁺) = v R/(H P Hᵀ + R),     H P⁺ Hᵀ = H P Hᵀ R/(H P Hᵀ + R)
+//! ```
+//!
+//! which is never negative. Its mean is R where R̂ is, and an innovation moves it by (R/(H P Hᵀ + R))² of what it moves the other
+//! forms: one that tells nothing of the noise leaves it as it is. With H P Hᵀ small beside R it is the matched form.
+//!
 //! Where the expected noise σ changes along the line ([`AdaptiveParameters::relative`]) each innovation counts in its units,
 //! and R̂ = σ² (1/N) Σ (v_j² − H_j P_j H_jᵀ)/σ_j²: the factor that all of σ is wrong by is learnt, and its course is believed.
 //!
@@ -63,9 +76,11 @@ use crate::navigation::estimate::{Estimate, Linearised, Recursion};
 use crate::navigation::measurement::Measurements;
 use crate::navigation::sensitivity::Sensitivity;
 
+mod aided;
 mod noise;
 mod window;
 
+pub use aided::{AidedAdaptiveOutput, run_aided};
 use noise::{Fusion, Learner};
 use window::Window;
 
@@ -93,6 +108,9 @@ choice! {
         /// As MagNav.jl: the mean of the bounds until the window is full, then the covariance of the present sample
         /// against all innovations. For comparing figures with that program.
         Compatible = "compatible",
+        /// By what the correction leaves of every innovation: for a position that may be known less well than it is measured, as
+        /// that of a wide start or after much noise.
+        Residual = "residual",
     }
 }
 
@@ -323,6 +341,7 @@ impl Filter<'_> {
         for learner in &mut self.learners {
             learner.innovate(row, expected_nt, at.variance, &mut fusion);
         }
+        self.learners.iter_mut().for_each(|learner| learner.settle(at.variance, &fusion));
         let (residual_nt, noise_nt2) = fusion.mean();
         let nis = residual_nt * residual_nt / (at.variance + noise_nt2);
         if fusion.is_used() {

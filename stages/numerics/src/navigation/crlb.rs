@@ -15,6 +15,8 @@
 //! is NaN, or whose sigma is not above 0, adds no information, and neither does a sample where the true position is off
 //! the map or in an unknown cell. Both are counted.
 
+use crate::navigation::aided::filter::Filter;
+use crate::navigation::aided::{AidedOutput, AidedParameters, Aids};
 use crate::navigation::field::PredictedField;
 use crate::navigation::ins_series::{InsSeries, SeriesError};
 use crate::navigation::line::NavigationLine;
@@ -88,6 +90,27 @@ pub fn run(
     output.report.offset_nt = offset_nt;
     output.report.offset_samples = samples;
     pulp::Arch::new().dispatch(Bound { line, truth, field, offset_nt, output })
+}
+
+/// The bound with further measurements beside the scalar field; as [`run`]. Of each, residual and NIS are measurement minus truth
+/// and its square over the variance of noise and what lasts.
+///
+/// A bound knows the map, so that no sample is too flat: of [`Aids::flat_over_m`] nothing is used.
+///
+/// # Errors
+/// As [`run`] and [`Aids::check`].
+pub fn run_aided(
+    line: &NavigationLine<'_>,
+    path: &TruePath<'_>,
+    keep_covariance: bool,
+    aids: &Aids<'_>,
+) -> Result<AidedOutput, NavigationError> {
+    line.check()?;
+    aids.check(line.ins.len())?;
+    let truth = path.along(line.ins)?;
+    let (line, aids) = (NavigationLine { ins: &truth, ..*line }, Aids { flat_over_m: None, ..*aids });
+    let parameters = AidedParameters { keep_covariance, ..AidedParameters::default() };
+    Filter::of_bound(&line, &aids, &parameters).run()
 }
 
 /// The bound on its way along a line.

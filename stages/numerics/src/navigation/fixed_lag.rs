@@ -50,8 +50,10 @@
 mod nodes;
 mod parameters;
 mod passage;
+pub(crate) mod whole;
 mod window;
 
+use crate::navigation::aids::{AidInnovations, AidStates, Aids};
 use crate::navigation::gaussian::{Gaussian, Layout};
 use crate::navigation::pinson::STATES;
 use crate::navigation::{NavigationError, NavigationLine, NavigationOutput, ins_series::SeriesError};
@@ -130,6 +132,8 @@ pub enum Usage {
     Missing,
     /// The predicted position is off the map or in an unknown cell.
     OffMap,
+    /// The map is too flat there to tell a position; no measurement of the field was used.
+    Flat,
 }
 
 /// The estimate of a line.
@@ -152,6 +156,11 @@ pub struct FixedLagOutput {
     pub windows: Vec<WindowReport>,
     /// The offset that was taken off each magnetometer's measurements, in nT.
     pub offsets_nt: Vec<f64>,
+    /// Innovations of the further measurements, as those of [`FixedLagOutput::navigation`].
+    pub aids: AidInnovations,
+    /// The horizontal slope of the predicted field at the first sample of its interval, in nT/m, where there are further
+    /// measurements; NaN off the map.
+    pub slope_nt_per_m: Vec<f64>,
 }
 
 impl FixedLagOutput {
@@ -210,12 +219,30 @@ pub fn run(
     magnetometers: &[Magnetometer<'_>],
     keep: Keep,
 ) -> Result<FixedLagOutput, FixedLagError> {
+    run_aided(parameters, line, magnetometers, &Aids::default(), keep)
+}
+
+/// [`run`] with further measurements. Those of an interval are averaged as the magnetometers' are, and are measurements of their
+/// node's states with the full weight of least squares whatever the loss, as positions from elsewhere. Where the map is too flat
+/// at the prediction of the filter, a magnetometer is not used.
+///
+/// # Errors
+/// As [`run`] and [`Aids::check`].
+pub fn run_aided(
+    parameters: &FixedLagParameters,
+    line: &NavigationLine<'_>,
+    magnetometers: &[Magnetometer<'_>],
+    aids: &Aids<'_>,
+    keep: Keep,
+) -> Result<FixedLagOutput, FixedLagError> {
     parameters.check().map_err(|fault| NavigationError::from(crate::navigation::ins_error::ParameterError(fault)))?;
     line.check()?;
     for (number, magnetometer) in magnetometers.iter().enumerate() {
         check(number, magnetometer, line.ins.len())?;
     }
-    let layout = layout(magnetometers);
+    aids.check(line.ins.len())?;
+    let states = AidStates::of(aids, STATES + magnetometers.len());
+    let layout = layout(magnetometers, &states);
     let mut field = line.predicted();
     let offset = |one: &Magnetometer| field.offset(line.ins, one.measurement_nt, line.offset_window_s);
     let offsets: Vec<(f64, usize)> = magnetometers.iter().map(offset).collect();
@@ -230,8 +257,9 @@ pub fn run(
         output.navigation.report.offset_samples = *samples;
     }
     let nodes = Nodes::new(line, magnetometers, &layout, &offsets_nt, parameters.measurement_interval_s);
+    let nodes = nodes.with(aids, &states);
     let prior = prior(line, magnetometers, &layout);
-    Ok(Passage::new(parameters, &layout, magnetometers, nodes, prior, output).run()?)
+    Ok(Passage::new(parameters, &layout, magnetometers, (aids, &states), nodes, prior, output).run()?)
 }
 
 /// What to hand out beside the track.
@@ -243,9 +271,10 @@ pub struct Keep {
     pub covariance: bool,
 }
 
-fn layout(magnetometers: &[Magnetometer<'_>]) -> Layout {
+fn layout(magnetometers: &[Magnetometer<'_>], states: &AidStates) -> Layout {
     let errors = magnetometers.iter().map(|one| one.error).collect();
     let mut layout = Layout { errors, ..Layout::default() };
+    states.extend(&mut layout);
     for one in magnetometers {
         let first = layout.dim();
         layout.walk.extend_from_slice(one.coefficients.walk_density);
@@ -257,14 +286,7 @@ fn layout(magnetometers: &[Magnetometer<'_>]) -> Layout {
 /// The states at the first sample before its measurements.
 fn prior(line: &NavigationLine<'_>, magnetometers: &[Magnetometer<'_>], layout: &Layout) -> Gaussian {
     let dim = layout.dim();
-    let (mut x, mut p) = (vec![0.0; dim], vec![0.0; dim * dim]);
-    let ins = line.errors.initial_covariance(line.ins.lat_deg[0].to_radians(), line.ins.alt_m[0]);
-    for (row, entries) in ins.iter().enumerate() {
-        p[row * dim..row * dim + STATES].copy_from_slice(entries);
-    }
-    for (k, error) in layout.errors.iter().enumerate() {
-        p[(STATES + k) * (dim + 1)] = error.sigma * error.sigma;
-    }
+    let Gaussian { mut x, mut p } = Gaussian::start_of(line, layout);
     for (one, block) in magnetometers.iter().zip(&layout.blocks) {
         x[block.clone()].copy_from_slice(one.coefficients.mean);
         let rows = one.coefficients.covariance.chunks_exact(block.len().max(1));

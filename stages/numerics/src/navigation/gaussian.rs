@@ -2,6 +2,7 @@
 
 use std::ops::Range;
 
+use crate::navigation::line::{LineStep, NavigationLine};
 use crate::navigation::pinson::{A_HAT, ACC, STATES, StateMatrix, StateVector, TILT_D};
 use crate::navigation::transition::{propagate_covariance, propagate_state};
 use crate::signal::gauss_markov::GaussMarkov;
@@ -10,8 +11,10 @@ use crate::signal::gauss_markov::GaussMarkov;
 /// magnetometer), and the coefficients of each magnetometer in turn.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Layout {
-    /// The Gauss-Markov errors.
+    /// The Gauss-Markov errors. Of those that last for a distance the correlation time is that of the step.
     pub errors: Vec<GaussMarkov>,
+    /// The errors that last for a distance, by their place, with it in m.
+    pub lengths_m: Vec<(usize, f64)>,
     /// Where the coefficients of each magnetometer are.
     pub blocks: Vec<Range<usize>>,
     /// The random-walk densities of all coefficients, per second.
@@ -27,14 +30,36 @@ impl Layout {
     pub fn coefficients(&self) -> usize {
         STATES + self.errors.len()
     }
+
+    /// An error as it goes on at a speed over ground.
+    pub fn error_at(&self, place: usize, speed_mps: f64) -> GaussMarkov {
+        let error = self.errors[place];
+        match self.lengths_m.iter().find(|(of, _)| *of == place) {
+            Some((_, length_m)) => GaussMarkov { tau_s: length_m / speed_mps, ..error },
+            None => error,
+        }
+    }
+
+    /// The errors as they go on in a step.
+    fn errors_of<'a>(&'a self, step: &'a Step) -> impl Iterator<Item = GaussMarkov> + 'a {
+        (0..self.errors.len()).map(|place| self.error_at(place, step.speed_mps))
+    }
 }
 
 /// The step from a node to the next.
 #[derive(Clone, Debug)]
 pub(crate) struct Step {
     pub dt_s: f64,
+    /// The mean speed over ground.
+    pub speed_mps: f64,
     pub phi: StateMatrix,
     pub noise: StateMatrix,
+}
+
+impl From<LineStep> for Step {
+    fn from(LineStep { dt_s, speed_mps, phi, noise }: LineStep) -> Self {
+        Self { dt_s, speed_mps, phi, noise }
+    }
 }
 
 /// The states that depend on others than themselves: all but the Gauss-Markov ones.
@@ -65,12 +90,14 @@ pub(crate) fn add(to: &mut StateMatrix, from: &StateMatrix) {
     }
 }
 
-/// The row of H of one measurement: 18 entries, the magnetometer's error and its coefficients.
+/// The row of H of one measurement: 18 entries, its own error, one that it has in common with others, and its coefficients.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Sensitivity<'a> {
     pub ins: &'a StateVector,
     /// The index of the error, and the entry.
     pub error: (usize, f64),
+    /// The index of the common error, and the entry.
+    pub common: (usize, f64),
     /// The index of the first coefficient.
     pub first: usize,
     pub regressors: &'a [f64],
@@ -79,7 +106,7 @@ pub(crate) struct Sensitivity<'a> {
 impl<'a> Sensitivity<'a> {
     /// That of a measurement of the 18 states alone.
     pub fn of_ins(ins: &'a StateVector) -> Self {
-        Self { ins, error: (0, 0.0), first: 0, regressors: &[] }
+        Self { ins, error: (0, 0.0), common: (0, 0.0), first: 0, regressors: &[] }
     }
 
     /// H x.
@@ -87,7 +114,7 @@ impl<'a> Sensitivity<'a> {
     pub fn of(&self, x: &[f64]) -> f64 {
         let ins: f64 = self.ins.iter().zip(x).map(|(h, x)| h * x).sum();
         let aircraft: f64 = self.regressors.iter().zip(&x[self.first..]).map(|(h, x)| h * x).sum();
-        ins + self.error.1 * x[self.error.0] + aircraft
+        ins + self.error.1 * x[self.error.0] + aircraft + self.common.1 * x[self.common.0]
     }
 
     /// x ← x + f Hᵀ.
@@ -95,6 +122,7 @@ impl<'a> Sensitivity<'a> {
     pub fn add_to(&self, x: &mut [f64], factor: f64) {
         x.iter_mut().zip(self.ins).for_each(|(x, h)| *x += factor * h);
         x[self.error.0] += factor * self.error.1;
+        x[self.common.0] += factor * self.common.1;
         x[self.first..].iter_mut().zip(self.regressors).for_each(|(x, h)| *x += factor * h);
     }
 
@@ -102,7 +130,8 @@ impl<'a> Sensitivity<'a> {
     #[inline]
     pub fn entries(&self) -> impl Iterator<Item = (usize, f64)> {
         let ins = self.ins.iter().copied().enumerate().filter(|(_, h)| *h != 0.0);
-        ins.chain([self.error]).chain(self.regressors.iter().enumerate().map(|(k, h)| (self.first + k, *h)))
+        let own = ins.chain([self.error]).chain(self.regressors.iter().enumerate().map(|(k, h)| (self.first + k, *h)));
+        own.chain([self.common].into_iter().filter(|(_, h)| *h != 0.0))
     }
 }
 
@@ -120,6 +149,20 @@ pub(crate) fn add_scaled(to: &mut [f64], factor: f64, from: &[f64]) {
 }
 
 impl Gaussian {
+    /// The states of a layout without coefficients before the first sample of a line.
+    pub fn start_of(line: &NavigationLine<'_>, layout: &Layout) -> Self {
+        let dim = layout.dim();
+        let mut start = Self { x: vec![0.0; dim], p: vec![0.0; dim * dim] };
+        let first = line.errors.initial_covariance(line.ins.lat_deg[0].to_radians(), line.ins.alt_m[0]);
+        for (row, entries) in first.iter().enumerate() {
+            start.p[row * dim..row * dim + STATES].copy_from_slice(entries);
+        }
+        for (k, error) in layout.errors.iter().enumerate() {
+            start.p[(STATES + k) * (dim + 1)] = error.sigma * error.sigma;
+        }
+        start
+    }
+
     pub fn dim(&self) -> usize {
         self.x.len()
     }
@@ -156,7 +199,7 @@ impl Gaussian {
         for (row, entries) in block.iter().enumerate() {
             self.p[row * dim..row * dim + STATES].copy_from_slice(entries);
         }
-        for (k, error) in layout.errors.iter().enumerate() {
+        for (k, error) in layout.errors_of(step).enumerate() {
             let (at, decay) = (STATES + k, error.decay(step.dt_s));
             self.p[at * dim..(at + 1) * dim].iter_mut().for_each(|entry| *entry *= decay);
             (0..dim).for_each(|row| self.p[row * dim + at] *= decay);
@@ -242,7 +285,7 @@ pub(crate) fn propagate_mean(layout: &Layout, step: &Step, x: &mut [f64]) {
     let mut ins = [0.0; STATES];
     ins.copy_from_slice(&x[..STATES]);
     x[..STATES].copy_from_slice(&propagate_state(&step.phi, &ins));
-    for (error, x) in layout.errors.iter().zip(&mut x[STATES..]) {
+    for (error, x) in layout.errors_of(step).zip(&mut x[STATES..]) {
         *x *= error.decay(step.dt_s);
     }
 }
@@ -254,7 +297,7 @@ pub(crate) fn propagate_adjoint(layout: &Layout, step: &Step, adjoint: &mut [f64
         add_scaled(&mut ins, *entry, row);
     }
     adjoint[..STATES].copy_from_slice(&ins);
-    for (error, entry) in layout.errors.iter().zip(&mut adjoint[STATES..]) {
+    for (error, entry) in layout.errors_of(step).zip(&mut adjoint[STATES..]) {
         *entry *= error.decay(step.dt_s);
     }
 }
@@ -264,7 +307,7 @@ pub(crate) fn noise_times(layout: &Layout, step: &Step, adjoint: &[f64], out: &m
     for (out, row) in out.iter_mut().zip(&step.noise) {
         *out = row.iter().zip(adjoint).map(|(q, adjoint)| q * adjoint).sum();
     }
-    for (k, error) in layout.errors.iter().enumerate() {
+    for (k, error) in layout.errors_of(step).enumerate() {
         out[STATES + k] = error.step_variance(step.dt_s) * adjoint[STATES + k];
     }
     for (k, density) in layout.walk.iter().enumerate() {

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use crate::earth::core_field::CoreField;
+use crate::earth::field_value::FieldValue;
 use crate::maps::map_stack::FieldMap;
 use crate::navigation::field::PredictedField;
 use crate::navigation::ins_error::InsErrorModel;
@@ -41,6 +42,8 @@ pub struct NavigationLine<'a> {
 pub struct LineStep {
     /// Its length, in s.
     pub dt_s: f64,
+    /// The speed over ground at its begin, in m/s.
+    pub speed_mps: f64,
     /// Φ.
     pub phi: StateMatrix,
     /// Q.
@@ -83,6 +86,13 @@ impl<'a> NavigationLine<'a> {
         self.measurements().at(row, offset_nt)
     }
 
+    /// The horizontal slope of a field at a row, in nT/m.
+    pub(crate) fn slope_nt_per_m(&self, row: usize, at: &FieldValue) -> f64 {
+        let (lat_rad, alt_m) = (self.ins.lat_deg[row].to_radians(), self.ins.alt_m[row]);
+        let (north, east) = self.errors.earth.north_east_m_per_rad(lat_rad, alt_m);
+        (at.d_lat_nt_per_rad / north).hypot(at.d_lon_nt_per_rad / east)
+    }
+
     /// The step from the sample before `row` to `row`, which is at least 1.
     #[inline]
     pub fn step(&self, row: usize) -> LineStep {
@@ -99,6 +109,7 @@ impl LineStep {
         let phi = transition_matrix(&f, dt_s);
         let none = [[0.0; STATES]; STATES];
         let noise = step_covariance(&none, &f, &phi, &errors.noise_density(), dt_s, errors.noise);
-        Self { dt_s, phi, noise }
+        let speed_mps = ins.vn_mps[row - 1].hypot(ins.ve_mps[row - 1]);
+        Self { dt_s, speed_mps, phi, noise }
     }
 }

@@ -13,6 +13,7 @@
 //! | [`rts`] | the fixed-interval smoother, iterated to the maximum a posteriori |
 //! | [`ukf`] | the unscented Kalman filter |
 //! | [`aided`] | these filters with a difference of magnetometers, the field's vector and a height beside the field |
+//! | [`aids`] | what they measure: rows of H, predictions, noise |
 //! | [`crlb`] | the posterior Cramér-Rao bound along the true path |
 //! | [`adaptive`] | the filter that finds the noise of its measurements |
 //! | [`online`] | the filter that estimates Tolles-Lawson coefficients in flight |
@@ -119,6 +120,7 @@
 
 pub mod adaptive;
 pub mod aided;
+pub mod aids;
 pub mod crlb;
 pub mod ekf;
 mod estimate;

@@ -44,6 +44,7 @@ pub(crate) mod covariance;
 mod fluxgate;
 mod prior;
 
+use crate::navigation::aids::{AidInnovations, Usage};
 use crate::navigation::ins_error::ParameterError;
 use crate::navigation::output::{NavigationError, NavigationOutput};
 
@@ -113,6 +114,13 @@ pub struct OnlineOutput {
     pub magnetometers: Vec<AircraftEstimate>,
     /// The bias of the vector magnetometer, where it is estimated.
     pub fluxgate: Option<FluxgateEstimate>,
+    /// What became of each sample, where there are further measurements.
+    pub usage: Vec<Usage>,
+    /// Their innovations.
+    pub aids: AidInnovations,
+    /// The horizontal slope of the predicted field at each sample, in nT/m; NaN off the map and without
+    /// [`Aids::flat_over_m`](crate::navigation::aids::Aids::flat_over_m).
+    pub slope_nt_per_m: Vec<f64>,
 }
 
 /// Refuses terms that hold a scalar magnetometer: the filter would subtract what it navigates by. `sources` are the
@@ -192,7 +200,8 @@ fn extra_states(
 }
 
 fn estimates(output: AugmentedOutput, magnetometers: &[Magnetometer<'_>], with_bias: bool) -> OnlineOutput {
-    let AugmentedOutput { navigation, magnetometers: tracks, c, c_covariance, c_by_row, c_sigma_by_row } = output;
+    let AugmentedOutput { navigation, magnetometers: tracks, c, c_covariance, c_by_row, c_sigma_by_row, .. } = output;
+    let (usage, aids, slope_nt_per_m) = (output.usage, output.aids, output.slope_nt_per_m);
     let count = c.len();
     let part = |rows: &[f64], first: usize, terms: usize| -> Vec<f64> {
         rows.chunks_exact(count.max(1)).flat_map(|row| row[first..first + terms].to_vec()).collect()
@@ -214,7 +223,7 @@ fn estimates(output: AugmentedOutput, magnetometers: &[Magnetometer<'_>], with_b
         bias_nt: std::array::from_fn(|axis| c[first + axis]),
         sigma_nt: std::array::from_fn(|axis| c_covariance[(first + axis) * (count + 1)].sqrt()),
     });
-    OnlineOutput { navigation, magnetometers: estimates, fluxgate }
+    OnlineOutput { navigation, magnetometers: estimates, fluxgate, usage, aids, slope_nt_per_m }
 }
 
 /// The aircraft's field A(b) β.

@@ -23,6 +23,7 @@
 mod network;
 mod training;
 
+use crate::navigation::aids::{AidInnovations, Aids, Usage};
 use crate::navigation::line::NavigationLine;
 use crate::navigation::output::{NavigationError, NavigationOutput};
 
@@ -46,12 +47,19 @@ pub struct NetworkOutput {
     pub sigma_by_row: Vec<f64>,
     /// Residuals, the aircraft's field, and how the samples were used.
     pub track: MagnetometerTrack,
+    /// What became of each sample, where there are further measurements.
+    pub usage: Vec<Usage>,
+    /// Their innovations.
+    pub aids: AidInnovations,
+    /// As in [`OnlineOutput`](super::online::OnlineOutput).
+    pub slope_nt_per_m: Vec<f64>,
 }
 
-/// Filters one line, whose measurement is the uncompensated field. `features` are row-major, a row a sample.
+/// Filters one line, whose measurement is the uncompensated field, by it and by further measurements, of which there may be none.
+/// `features` are row-major, a row a sample.
 ///
 /// # Errors
-/// Fails as [`NavigationLine::check`], with [`NavigationError::Parameter`] for features, weights, covariances and
+/// Fails as [`NavigationLine::check`] and [`Aids::check`], with [`NavigationError::Parameter`] for features, weights, covariances and
 /// densities of another size than the network's or out of their range, and with [`NavigationError::Diverged`] when
 /// states or variances are no longer finite or a variance is negative.
 pub fn run(
@@ -59,6 +67,7 @@ pub fn run(
     network: &Network,
     features: &[f64],
     prior: &NetworkPrior,
+    aids: &Aids<'_>,
     parameters: &OnlineParameters,
 ) -> Result<NetworkOutput, NavigationError> {
     prior.check(network)?;
@@ -75,7 +84,8 @@ pub fn run(
     };
     let model = Field { network, inputs: network.standardised(features) };
     let readings = [(line.measurement_nt, line.sigma_nt)];
-    let mut output = augmented::run(&LineModel::of(line), &readings, model, &states, parameters)?;
+    let mut output =
+        augmented::run(&LineModel { aids: *aids, ..LineModel::of(line) }, &readings, model, &states, parameters)?;
     Ok(NetworkOutput {
         navigation: output.navigation,
         weights: output.c,
@@ -83,6 +93,9 @@ pub fn run(
         weights_by_row: output.c_by_row,
         sigma_by_row: output.c_sigma_by_row,
         track: output.magnetometers.pop().unwrap_or_default(),
+        usage: output.usage,
+        aids: output.aids,
+        slope_nt_per_m: output.slope_nt_per_m,
     })
 }
 

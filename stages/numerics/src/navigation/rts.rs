@@ -49,7 +49,10 @@
 //!   [`SmootherReport::converged`] is false.
 
 mod adjoint;
+mod aided;
 mod pass;
+
+pub use aided::{AidedSmootherOutput, run_aided};
 
 use crate::earth::field_value::FieldValue;
 use crate::navigation::field::PredictedField;
@@ -168,10 +171,14 @@ pub struct SmootherOutput {
 pub fn run(line: &NavigationLine<'_>, parameters: &SmootherParameters) -> Result<SmootherOutput, NavigationError> {
     parameters.check()?;
     line.check()?;
-    obeys(&line.offset_window_s, "offset_window_s", Rule::NotNegative).map_err(ParameterError)?;
+    check_window(line)?;
     let mut smoother = Smoother::new(line, parameters);
     smoother.iterate()?;
     Ok(smoother.finish())
+}
+
+fn check_window(line: &NavigationLine<'_>) -> Result<(), ParameterError> {
+    obeys(&line.offset_window_s, "offset_window_s", Rule::NotNegative).map_err(ParameterError)
 }
 
 /// The trajectory that the map is linearised along next.

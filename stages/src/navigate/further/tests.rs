@@ -126,5 +126,91 @@ fn unit_what_cannot_be_measured_is_refused_before_the_run() {
     refused("vector = 'flux_d'\nvector_sigma_nt = 5.0", "`core_field = false` is without");
     refused("height = 'mag_1_c'", "mag_1_c");
     refused("flat_over_m = 0.0", "flat_over_m");
-    assert_refused("rts", "flat_over_m = 10.0", "belongs to");
+    assert_refused("mpf", "flat_over_m = 10.0", "belongs to");
+    assert_refused("crlb", "flat_over_m = 10.0", "the bound knows the map");
+    for (filter, ..) in OTHERS.iter().filter(|(filter, ..)| !["rts", "crlb"].contains(filter)) {
+        let keys = format!("{GRADIENT}use_scalar = false");
+        assert_refused(filter, &keys, "without the scalar field there is nothing to find");
+    }
+}
+
+/// The other filters with keys of their own, and the measurement that they take: with the aircraft's field or without.
+const OTHERS: [(&str, &str, &str); 5] = [
+    ("ekf_adaptive", "", "mag_1_c"),
+    ("rts", "", "mag_1_c"),
+    ("crlb", "", "mag_1_c"),
+    ("ekf_online_tl", "walk_per_hour = 0.0", "mag_1_uc"),
+    ("fixed_lag", "aircraft_sigma_nt = 0.0", "mag_1_uc"),
+];
+
+#[test]
+fn law_the_difference_helps_the_other_filters() {
+    let calm = with(&in_a_storm(), "mag_1_c", |row, nt| nt - storm_nt(row));
+    let calm = with(&calm, "mag_2_c", |row, nt| nt - storm_nt(row));
+    for (filter, own, mag) in OTHERS {
+        let keys = format!("mag = '{mag}'\nmap_interpolation = 'cubic'\n{own}\n");
+        let of = |more: &str| flown(filter, &format!("{keys}{more}"), &calm).unwrap();
+        let (alone, both) = (of(""), of(&GRADIENT.replace("map_interpolation = 'cubic'\n", "")));
+        let sigma = |found: &Answer| found.numbers("sd_n")[300].hypot(found.numbers("sd_e")[300]);
+        // A field whose noise is learnt is worth more than one of the noise told.
+        assert!(sigma(&both) < 0.99 * sigma(&alone), "{filter}: {} {}", sigma(&both), sigma(&alone));
+        assert!(both.error_m(ROWS - 1) < 25.0, "{filter}: {}", both.error_m(ROWS - 1));
+        assert_eq!(both.updates("used"), ROWS, "{filter}");
+        let nis = both.numbers("gradient_nis");
+        assert!(nis.iter().all(|nis| nis.is_finite()) && nis.iter().sum::<f64>() < 3.0 * ROWS as f64, "{filter}");
+    }
+}
+
+#[test]
+fn law_a_smoother_holds_the_position_by_the_difference_alone() {
+    let found = flown("rts", &format!("{GRADIENT}use_scalar = false"), &in_a_storm()).unwrap();
+    assert!((50..ROWS).all(|row| found.error_m(row) < 25.0), "{}", found.error_m(ROWS - 1));
+    assert_eq!((found.updates("used"), found.words("smoothing")[0].as_str()), (ROWS, "converged"));
+}
+
+#[test]
+fn law_over_a_map_that_is_too_flat_the_other_tracks_are_the_ins() {
+    let ins = run("ins_only", "");
+    for (filter, own, _) in OTHERS.iter().filter(|(filter, ..)| *filter != "crlb") {
+        // What is too flat depends on the noise, which `ekf_adaptive` learns.
+        let own = if *filter == "ekf_adaptive" { "sigma_min_nt = 1.5\nsigma_max_nt = 1.5" } else { own };
+        let run_with = |flat: &str| run(filter, &format!("mag = 'mag_2_c'\nflat_over_m = {flat}\n{own}"));
+        let flat = run_with("1.0");
+        assert_eq!((flat.updates("flat"), flat.updates("missing")), (ROWS - 30, 30), "{filter}");
+        assert_eq!(flat.numbers("lat"), ins.numbers("lat"), "{filter}");
+        let steep = run_with("1e6");
+        assert_eq!((steep.updates("flat"), steep.updates("used")), (0, ROWS - 30), "{filter}");
+        assert!(steep.numbers("map_slope").iter().all(|slope| *slope > 0.0), "{filter}");
+    }
+}
+
+#[test]
+fn law_a_map_error_that_is_nothing_leaves_the_other_filters_as_they_are() {
+    for (filter, own, mag) in OTHERS {
+        let keys = format!("mag = '{mag}'\n{own}\n");
+        let (usual, with) = (run(filter, &keys), run(filter, &format!("{keys}map_sigma_nt = 0.0")));
+        // A smoother ends where a step is below 0.1 m, and a bilinear map has edges.
+        let within_deg = if filter == "rts" { 1e-5 } else { 1e-8 };
+        for (row, (one, other)) in usual.numbers("lat").iter().zip(with.numbers("lat")).enumerate() {
+            assert!((one - other).abs() < within_deg, "{filter} {row}: {one} {other}");
+        }
+        let lasting = run(filter, &format!("{keys}map_sigma_nt = 20.0"));
+        assert!(lasting.numbers("sd_n")[300] > usual.numbers("sd_n")[300], "{filter}");
+    }
+}
+
+#[test]
+fn law_a_height_is_held_by_the_other_filters() {
+    let off = with(&flight(), "ins_alt", |row, alt| alt + 0.1 * row as f64);
+    let off = with(&off, "alt", |row, alt| alt + 4.0 + 2.0 * (1.9 * row as f64).sin());
+    for (filter, own, mag) in OTHERS.iter().filter(|(filter, ..)| *filter != "crlb") {
+        let keys =
+            format!("mag = '{mag}'\nbaro_sigma_m = 50.0\nha_sigma_m = 50.0\ninit_altitude_sigma_m = 10.0\n{own}\n");
+        let height = "height = 'alt'\nheight_sigma_m = 2.0\nheight_bias_sigma_m = 5.0";
+        let found = flown(filter, &format!("{keys}{height}"), &off).unwrap();
+        let without = flown(filter, &keys, &off).unwrap().numbers("alt")[ROWS - 1];
+        let alt = found.numbers("alt")[ROWS - 1];
+        assert!((alt - 300.0).abs() < 10.0 && (without - 300.0).abs() > 30.0, "{filter}: {alt} {without}");
+        assert!(found.numbers("height_nis").iter().all(|nis| nis.is_finite()), "{filter}");
+    }
 }

@@ -16,9 +16,22 @@ pub(super) struct Learner<'a> {
     /// The first expected variance, in nT², which the others are relative to.
     first_nt2: Option<f64>,
     gate_nis: Option<f64>,
-    /// The last innovations squared, over the unit of their time; in the matched form each less its expected part H P Hᵀ.
+    /// The last innovations squared, over the unit of their time; in the matched form each less its expected part H P Hᵀ, in the
+    /// residual form what the correction leaves of them.
     window: Window,
+    /// The innovation of this sample, whose correction is not known yet.
+    open: Option<Open>,
     pub(super) adapted: Adapted,
+}
+
+/// An innovation that is to be learnt from after the correction.
+#[derive(Clone, Copy, Debug)]
+struct Open {
+    /// As far as the gate lets it count.
+    residual_nt: f64,
+    noise_nt2: f64,
+    unit: f64,
+    used: bool,
 }
 
 /// The weighted mean of the innovations of a sample. All of them, and those that are used.
@@ -75,6 +88,7 @@ impl<'a> Learner<'a> {
             first_nt2: None,
             gate_nis: parameters.gate_nis,
             window: Window::new(parameters.window),
+            open: None,
             adapted: Adapted { sigma_nt: Vec::with_capacity(rows), offset_nt, offset_samples, ..Adapted::default() },
         }
     }
@@ -108,8 +122,24 @@ impl<'a> Learner<'a> {
             self.adapted.updates += 1;
             fusion.used.add(residual_nt, noise_nt2);
         }
-        let expected = if self.form == AdaptiveForm::Matched { predicted_nt2 } else { 0.0 };
-        self.window.push((square.min(most) - expected) / unit);
+        match self.form {
+            AdaptiveForm::Matched => self.window.push((square.min(most) - predicted_nt2) / unit),
+            AdaptiveForm::Compatible => self.window.push(square.min(most) / unit),
+            AdaptiveForm::Residual => {
+                let residual_nt = residual_nt.clamp(-most.sqrt(), most.sqrt());
+                self.open = Some(Open { residual_nt, noise_nt2, unit, used: square <= most });
+            }
+        }
+    }
+
+    /// Learns what the correction of a row leaves of its innovation, in the form that needs it: the expected square of the noise
+    /// given all measurements of the row. One that was not used counts as if it alone had been.
+    pub(super) fn settle(&mut self, predicted_nt2: f64, fusion: &Fusion) {
+        let Some(Open { residual_nt, noise_nt2, unit, used }) = self.open.take() else { return };
+        let (mean_nt, mean_nt2) = if used { fusion.mean() } else { (residual_nt, noise_nt2) };
+        let gain = predicted_nt2 / (predicted_nt2 + mean_nt2);
+        let left_nt = residual_nt - gain * mean_nt;
+        self.window.push((left_nt * left_nt + gain * mean_nt2) / unit);
     }
 
     /// The variance of the noise by the innovations so far, within its bounds. `unit` is what the window is relative to now.
@@ -118,7 +148,7 @@ impl<'a> Learner<'a> {
         let (least, largest) = (sigma_min_nt.powi(2), sigma_max_nt.powi(2));
         let (count, full) = (self.window.len() as f64, self.window.capacity() as f64);
         let found = match self.form {
-            AdaptiveForm::Matched => {
+            AdaptiveForm::Matched | AdaptiveForm::Residual => {
                 let rest = 1.0 - count / full;
                 (self.window.sum() + rest * assumed_nt2 / unit) / (count + rest) * unit
             }

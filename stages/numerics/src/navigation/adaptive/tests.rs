@@ -419,3 +419,54 @@ fn law_bad_parameters_and_lines_are_refused_in_words() {
     let short = Magnetometer { sigma_nt: &[1.0], ..usual };
     assert_eq!(message(all(), short), "column `measurement sigma` has 1 rows, `tt` has 20");
 }
+
+#[test]
+fn law_what_the_correction_leaves_tells_the_noise_of_a_position_that_is_hardly_known() {
+    use crate::maps::Interpolation;
+    use crate::navigation::scenes::{Scene, m_per_deg, plane, uneven};
+    const ROWS: usize = 90;
+    let runs = 60_u64;
+    let by = |form: AdaptiveForm, start_m: f64| {
+        let (mut nees, mut sigma) = (0.0, 0.0);
+        for seed in 0..runs {
+            let mut normals = Normals::new(4000 + seed);
+            let mut scene = Scene::new(&uneven(ROWS), Interpolation::Linear, plane);
+            scene.errors.sources = InsErrors { init_position_sigma_m: start_m, ..InsErrors::default() };
+            scene.errors.fogm_sigma_nt = 0.01;
+            let (north, east) = m_per_deg();
+            let off_m = [start_m * normals.draw(), start_m * normals.draw()];
+            for row in 0..ROWS {
+                let lat = scene.columns[1][row] + off_m[0] / north;
+                let lon = scene.columns[2][row] + off_m[1] / east;
+                scene.measurement_nt[row] = scene.map.at(lat, lon, 0.0).unwrap().value_nt + 5.0 * normals.draw();
+            }
+            scene.with(|line| {
+                let output = run(&AdaptiveParameters { form, ..all() }, line, &[Magnetometer::of(line, 0.25, 100.0)]);
+                let output = output.unwrap();
+                // The part of the position that the plane tells.
+                let row = 30;
+                let (x, p) = (output.navigation.x[row], output.navigation.p[row]);
+                let m_per_rad = [north.to_degrees(), east.to_degrees()];
+                let h = [0.05 * m_per_rad[0], -0.03 * m_per_rad[1]];
+                let error = h[0] * (off_m[0] / m_per_rad[0] - x[LAT]) + h[1] * (off_m[1] / m_per_rad[1] - x[LON]);
+                let both = 2.0 * h[0] * h[1] * p[LAT][LON];
+                let variance = h[0] * h[0] * p[LAT][LAT] + both + h[1] * h[1] * p[LON][LON];
+                nees += error * error / variance / runs as f64;
+                let learnt = &output.magnetometers[0].sigma_nt[5..45];
+                sigma += learnt.iter().map(|nt| nt.ln()).sum::<f64>() / learnt.len() as f64 / runs as f64;
+            });
+        }
+        (nees, sigma.exp())
+    };
+    for (start_m, matched_is_off) in [(1000.0, true), (10.0, false)] {
+        let (matched, matched_nt) = by(AdaptiveForm::Matched, start_m);
+        let (residual, residual_nt) = by(AdaptiveForm::Residual, start_m);
+        println!(
+            "{start_m} m at the start: NEES {matched:.2} and noise {matched_nt:.2} nT matched, {residual:.2} and \
+             {residual_nt:.2} nT by residuals"
+        );
+        // Chi-square of 60 degrees over 60 within its 99.9 % band, and a tenth for what is learnt.
+        assert!((0.45..1.9).contains(&residual) && (residual_nt / 5.0 - 1.0).abs() < 0.1, "{residual} {residual_nt}");
+        assert_eq!(matched > 3.0 * residual, matched_is_off, "{matched} {residual}");
+    }
+}

@@ -7,15 +7,19 @@ use nalgebra::{DMatrix, DVector, Vector3};
 
 use super::*;
 use crate::earth::attitude::{body_to_ned, tilted};
+use crate::earth::core_field::CoreField;
 use crate::earth::geodesy::EarthModel;
 use crate::maps::Interpolation;
 use crate::navigation::ekf::{self, EkfParameters, EkfPoint};
 use crate::navigation::iekf::{self, IekfParameters};
+use crate::navigation::ins_series::InsSeries;
 use crate::navigation::pinson::{ALT, LAT, LON, S, STATES, TILT_N};
 use crate::navigation::scenes::{Scene, hills, positions, uneven};
 use crate::navigation::ukf;
+use crate::signal::gauss_markov::GaussMarkov;
 
 mod flights;
+mod others;
 
 const ROWS: usize = 60;
 
@@ -171,7 +175,7 @@ impl Dense<'_> {
 
     fn difference(&self, row: usize, x: &DVector<f64>) -> f64 {
         let (lat, lon, alt) = self.place(row, x);
-        let arm = self.rotation(row, &DVector::zeros(DIM)) * Vector3::from(BASELINE_M) / 2.0;
+        let arm = self.rotation(row, x) * Vector3::from(BASELINE_M) / 2.0;
         let ins = self.line.ins;
         let (north, east) = EarthModel::Wgs84.north_east_m_per_rad(ins.lat_deg[row].to_radians(), ins.alt_m[row]);
         let (dlat, dlon) = ((arm.x / north).to_degrees(), (arm.y / east).to_degrees());
@@ -220,21 +224,27 @@ impl Dense<'_> {
     }
 
     fn propagate(&mut self, row: usize, lasting: &[(f64, f64)]) {
-        let step = self.line.step(row);
-        let (mut phi, mut q) = (DMatrix::zeros(DIM, DIM), DMatrix::zeros(DIM, DIM));
-        for i in 0..STATES {
-            for j in 0..STATES {
-                (phi[(i, j)], q[(i, j)]) = (step.phi[i][j], step.noise[i][j]);
-            }
-        }
-        for (k, (sigma, tau_s)) in lasting.iter().enumerate() {
-            let decay = (-step.dt_s / tau_s).exp();
-            phi[(STATES + k, STATES + k)] = decay;
-            q[(STATES + k, STATES + k)] = sigma * sigma * (1.0 - decay * decay);
-        }
+        let (phi, q) = transition(self.line, row, lasting);
         self.x = &phi * &self.x;
         self.p = &phi * &self.p * phi.transpose() + q;
     }
+}
+
+/// Φ and Q of a step with Gauss-Markov states of these deviations and times.
+fn transition(line: &NavigationLine<'_>, row: usize, lasting: &[(f64, f64)]) -> (DMatrix<f64>, DMatrix<f64>) {
+    let step = line.step(row);
+    let (mut phi, mut q) = (DMatrix::zeros(DIM, DIM), DMatrix::zeros(DIM, DIM));
+    for i in 0..STATES {
+        for j in 0..STATES {
+            (phi[(i, j)], q[(i, j)]) = (step.phi[i][j], step.noise[i][j]);
+        }
+    }
+    for (k, (sigma, tau_s)) in lasting.iter().enumerate() {
+        let decay = (-step.dt_s / tau_s).exp();
+        phi[(STATES + k, STATES + k)] = decay;
+        q[(STATES + k, STATES + k)] = sigma * sigma * (1.0 - decay * decay);
+    }
+    (phi, q)
 }
 
 #[test]
@@ -319,14 +329,14 @@ fn law_each_measurement_is_left_out_by_itself() {
     scene.with(|line| {
         let found = run(line, &aids(&read), &keep(Linearisation::Once)).unwrap();
         for row in 0..ROWS {
-            assert_eq!(found.difference.nis[row].is_nan(), row % 9 == 4);
-            assert_eq!(found.vector.nis[row].is_nan(), row % 11 == 5);
-            assert_eq!(found.height.nis[row].is_nan(), row % 5 == 3);
+            assert_eq!(found.aids.difference.nis[row].is_nan(), row % 9 == 4);
+            assert_eq!(found.aids.vector.nis[row].is_nan(), row % 11 == 5);
+            assert_eq!(found.aids.height.nis[row].is_nan(), row % 5 == 3);
         }
         // Rows without the scalar field, which the others serve.
         assert!(found.usage.iter().all(|usage| *usage == Usage::Used), "{:?}", found.usage);
         assert_eq!(found.navigation.report.updates, ROWS);
-        assert_eq!(found.navigation.nis[25], found.difference.nis[25]);
+        assert_eq!(found.navigation.nis[25], found.aids.difference.nis[25]);
         // A spike is gated by itself.
         let mut spiked = read.difference_nt.clone();
         spiked[12] += 1e4;
@@ -334,7 +344,7 @@ fn law_each_measurement_is_left_out_by_itself() {
         with_spike.difference = with_spike.difference.map(|of| Difference { difference_nt: &spiked, ..of });
         let gate = AidedParameters { gate_nis: Some(50.0), ..keep(Linearisation::Once) };
         let gated = run(line, &with_spike, &gate).unwrap();
-        assert!(gated.difference.nis[12] > 50.0 && gated.usage[12] == Usage::Used);
+        assert!(gated.aids.difference.nis[12] > 50.0 && gated.usage[12] == Usage::Used);
         assert!((gated.navigation.x[ROWS - 1][LAT] - found.navigation.x[ROWS - 1][LAT]).abs() < 1e-6);
     });
 }

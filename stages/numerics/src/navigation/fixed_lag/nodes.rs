@@ -2,6 +2,8 @@
 
 use std::ops::Range;
 
+use crate::earth::field_value::FieldValue;
+use crate::navigation::aids::{AidStates, Aids, Rows};
 use crate::navigation::gaussian::{Layout, Sensitivity, Step, add, add_scaled, product};
 use crate::navigation::pinson::{ALT, LAT, LON, S, STATES, StateMatrix, StateVector};
 use crate::navigation::transition::{identity, propagate_covariance};
@@ -26,6 +28,16 @@ pub(super) struct Node {
     pub measurements: Vec<Option<Measurement>>,
     /// The positions from elsewhere at its samples.
     pub fixes: Vec<Fix>,
+    /// How the node's states go on to its samples after the first, where there are further measurements.
+    later: Vec<Later>,
+}
+
+/// The way from a node to a later sample of it.
+#[derive(Clone, Debug)]
+struct Later {
+    dt_s: f64,
+    speed_mps: f64,
+    phi: StateMatrix,
 }
 
 /// A coordinate from elsewhere, as a measurement of the node's states.
@@ -60,6 +72,8 @@ pub(super) struct Measurement {
     /// What is left on average of the node's temporal variation, and of its Gauss-Markov error.
     temporal: f64,
     error: f64,
+    /// The state of the map's error, and what is left of it.
+    map_error: (usize, f64),
     regressors: Vec<f64>,
 }
 
@@ -101,12 +115,50 @@ impl Node {
     }
 }
 
+impl Node {
+    /// The averages of the further measurements of its samples, linearised about a state.
+    pub fn aid_rows(
+        &self,
+        (aids, states): (&Aids<'_>, &AidStates),
+        layout: &Layout,
+        line: &NavigationLine<'_>,
+        field: &mut PredictedField<'_>,
+        x: &[f64],
+    ) -> Rows {
+        let first = aids.rows(states, field, line, self.rows.start, x);
+        if self.later.is_empty() {
+            return first;
+        }
+        let mut samples = vec![first];
+        for (row, Later { dt_s, speed_mps, phi }) in self.rows.clone().skip(1).zip(&self.later) {
+            let decay = |state: usize| match state.checked_sub(STATES) {
+                Some(place) if place < layout.errors.len() => layout.error_at(place, *speed_mps).decay(*dt_s),
+                Some(_) | None => 1.0,
+            };
+            let mut then: Vec<f64> = x.iter().enumerate().map(|(state, x)| decay(state) * x).collect();
+            for (then, row) in then.iter_mut().zip(phi) {
+                *then = row.iter().zip(x).map(|(phi, x)| phi * x).sum();
+            }
+            samples.push(aids.rows(states, field, line, row, &then).carried(phi, decay));
+        }
+        Rows::mean(samples)
+    }
+}
+
 impl Measurement {
+    /// Whether the map is too flat about a state to tell a position.
+    pub fn is_flat(&self, aids: &Aids<'_>, local: &LocalField, line: &NavigationLine<'_>, row: usize) -> bool {
+        let [d_lat_nt_per_rad, d_lon_nt_per_rad, d_alt_nt_per_m] = [LAT, LON, ALT].map(|state| local.derivative[state]);
+        let at = FieldValue { value_nt: 0.0, d_lat_nt_per_rad, d_lon_nt_per_rad, d_alt_nt_per_m };
+        aids.is_flat(self.variance_nt2, line.slope_nt_per_m(row, &at))
+    }
+
     /// The row of H.
     pub fn sensitivity<'a>(&'a self, field: &'a LocalField, layout: &Layout, magnetometer: usize) -> Sensitivity<'a> {
         Sensitivity {
             ins: &field.derivative,
             error: (STATES + magnetometer, self.error),
+            common: self.map_error,
             first: layout.blocks[magnetometer].start,
             regressors: &self.regressors,
         }
@@ -125,6 +177,10 @@ pub(super) struct Nodes<'a> {
     layout: &'a Layout,
     offsets_nt: &'a [f64],
     interval_s: f64,
+    /// The state of the map's error.
+    map_error: Option<usize>,
+    /// Whether there are further measurements.
+    aided: bool,
     /// The first sample of the next node.
     pub next: usize,
     arrival: Step,
@@ -138,8 +194,13 @@ impl<'a> Nodes<'a> {
         offsets_nt: &'a [f64],
         interval_s: f64,
     ) -> Self {
-        let arrival = Step { dt_s: 0.0, phi: identity(), noise: [[0.0; STATES]; STATES] };
-        Self { line, magnetometers, layout, offsets_nt, interval_s, next: 0, arrival }
+        let (map_error, aided) = (None, false);
+        Self { line, magnetometers, layout, offsets_nt, interval_s, map_error, aided, next: 0, arrival: no_step() }
+    }
+
+    /// The nodes with further measurements.
+    pub fn with(self, aids: &Aids<'_>, states: &AidStates) -> Self {
+        Self { map_error: states.map_error, aided: aids.is_any(), ..self }
     }
 
     /// The time of the next node; `None` after the last.
@@ -158,9 +219,14 @@ impl<'a> Nodes<'a> {
             positions: vec![],
             measurements: vec![],
             fixes: vec![],
+            later: vec![],
         };
-        let mut walked = Step { dt_s: 0.0, phi: identity(), noise: [[0.0; STATES]; STATES] };
+        let mut walked = no_step();
         loop {
+            if self.aided && walked.dt_s > 0.0 {
+                let Step { dt_s, speed_mps, phi, .. } = walked;
+                node.later.push(Later { dt_s, speed_mps, phi });
+            }
             node.positions.push([walked.phi[LAT], walked.phi[LON], walked.phi[ALT]]);
             for fix in self.line.fixes_at(node.rows.end).into_iter().flatten() {
                 node.fixes.push(Fix { h: walked.phi[fix.state], error: fix.error, variance: fix.variance });
@@ -194,6 +260,7 @@ impl<'a> Nodes<'a> {
             variance_nt2: 1.0 / precision,
             temporal: 0.0,
             error: 0.0,
+            map_error: (0, 0.0),
             regressors: vec![0.0; magnetometer.coefficients.terms()],
             weights,
         };
@@ -206,18 +273,34 @@ impl<'a> Nodes<'a> {
                 add_scaled(&mut average.regressors, *weight, magnetometer.coefficients.row(row));
             }
         }
+        if let Some(state) = self.map_error {
+            let mut left = 0.0;
+            for (k, weight) in average.weights.iter().enumerate() {
+                let later = k.checked_sub(1).and_then(|later| node.later.get(later));
+                let decay = later.map_or(1.0, |at| self.layout.error_at(state - STATES, at.speed_mps).decay(at.dt_s));
+                left += weight * decay;
+            }
+            average.map_error = (state, left);
+        }
         Some(average)
     }
+}
+
+/// A step of no length.
+fn no_step() -> Step {
+    Step { dt_s: 0.0, speed_mps: 0.0, phi: identity(), noise: [[0.0; STATES]; STATES] }
 }
 
 /// Takes a step to `row` on.
 fn walk(walked: &mut Step, line: &NavigationLine, row: usize) {
     let step = line.step(row);
     if walked.dt_s == 0.0 {
-        *walked = Step { dt_s: step.dt_s, phi: step.phi, noise: step.noise };
+        *walked = step.into();
         return;
     }
+    let travelled_m = walked.speed_mps * walked.dt_s + step.speed_mps * step.dt_s;
     walked.dt_s += step.dt_s;
+    walked.speed_mps = travelled_m / walked.dt_s;
     walked.phi = product(&step.phi, &walked.phi);
     walked.noise = propagate_covariance(&step.phi, &walked.noise);
     add(&mut walked.noise, &step.noise);

@@ -55,6 +55,9 @@ pub struct WindowReport {
     pub converged: bool,
     /// The smallest part of a Gauss-Newton step that was taken; 1 where none needed damping.
     pub smallest_step: f64,
+    /// How far the last whole step moves a position at the most, in m; infinite where the first step is the only one and has no
+    /// path to start from.
+    pub last_step_m: f64,
     /// Twice the cost at the solution: without robust loss a chi-square of as many degrees as measurements.
     pub chi_square: f64,
     /// The squared distance of the solution at the window's start from its prior, over the prior's covariance: less

@@ -3,9 +3,10 @@
 use std::collections::VecDeque;
 use std::ops::Range;
 
+use crate::navigation::aids::{AidStates, Aids, SampleInnovations};
 use crate::navigation::gaussian::{Gaussian, Layout};
 use crate::navigation::output::Innovation;
-use crate::navigation::pinson::{STATES, StateMatrix, StateVector};
+use crate::navigation::pinson::{ALT, LAT, LON, STATES, StateMatrix, StateVector};
 use crate::navigation::{NavigationError, NavigationLine, PredictedField};
 
 use super::nodes::{Node, Nodes, SLACK_S, carry};
@@ -14,30 +15,46 @@ use super::window::Window;
 use super::{FixedLagOutput, Magnetometer, Usage};
 
 /// What is estimated of a node, and of the innovation there.
-struct Estimate {
+pub(super) struct Estimate {
     rows: Range<usize>,
     tt_s: f64,
     x: StateVector,
     p: StateMatrix,
     coefficients: Vec<f64>,
     innovation: Innovation,
-    usage: Usage,
+    further: SampleInnovations,
+    /// The horizontal slope of the predicted field, in nT/m.
+    pub(super) slope_nt_per_m: f64,
+    pub(super) usage: Usage,
 }
 
 /// The filter in front of the windows, linearised at its own prediction.
-struct Front<'a> {
+pub(super) struct Front<'a> {
     parameters: &'a FixedLagParameters,
     layout: &'a Layout,
     line: &'a NavigationLine<'a>,
+    aids: (&'a Aids<'a>, &'a AidStates),
     field: PredictedField<'a>,
-    now: Gaussian,
+    pub(super) now: Gaussian,
     gain: Vec<f64>,
     spare: Vec<f64>,
 }
 
-impl Front<'_> {
-    /// Takes the measurements of a node, which is the line's first or after the last one taken.
-    fn take(&mut self, node: &Node) -> Estimate {
+impl<'a> Front<'a> {
+    pub(super) fn new(
+        parameters: &'a FixedLagParameters,
+        layout: &'a Layout,
+        line: &'a NavigationLine<'a>,
+        aids: (&'a Aids<'a>, &'a AidStates),
+        prior: Gaussian,
+    ) -> Self {
+        let gain = vec![0.0; prior.dim()];
+        Self { parameters, layout, line, aids, field: line.predicted(), now: prior, gain, spare: vec![] }
+    }
+
+    /// Takes the measurements of a node, which is the line's first or after the last one taken. Those for which the map is too
+    /// flat there are dropped from the node.
+    pub(super) fn take(&mut self, node: &mut Node) -> Estimate {
         if node.rows.start > 0 {
             self.now.propagate(self.layout, &node.step, &mut self.spare);
         }
@@ -47,9 +64,14 @@ impl Front<'_> {
             self.now.update(residual, s, &mut self.gain, &mut self.spare);
         }
         let (mut innovation, mut squares, mut used) = (Innovation::NONE, 0.0, 0_usize);
-        for (of, measurement) in node.measurements.iter().enumerate() {
-            let Some(measurement) = measurement else { continue };
+        let (mut flat, measured) = (false, node.measurements.iter().any(Option::is_some));
+        for of in 0..node.measurements.len() {
             let Some(field) = node.field(of, self.line, &mut self.field, &self.now.x) else { continue };
+            let Some(measurement) = &node.measurements[of] else { continue };
+            if measurement.is_flat(self.aids.0, &field, self.line, node.rows.start) {
+                (node.measurements[of], flat) = (None, true);
+                continue;
+            }
             let h = measurement.sensitivity(&field, self.layout, of);
             let residual = measurement.residual(&field, &h, &self.now.x);
             let s = self.now.predict(&h, measurement.variance_nt2, &mut self.gain);
@@ -62,13 +84,24 @@ impl Front<'_> {
             squares += nis;
             used += 1;
         }
-        let usage = match used {
-            0 if node.measurements.iter().all(Option::is_none) => Usage::Missing,
+        let mut usage = match used {
+            0 if flat => Usage::Flat,
+            0 if !measured => Usage::Missing,
             0 => Usage::OffMap,
             _ => Usage::Used,
         };
         if used > 0 {
             innovation.nis = squares / used as f64;
+        }
+        let (mut further, mut slope_nt_per_m) = (SampleInnovations::default(), f64::NAN);
+        if self.aids.0.is_any() {
+            let (line, row) = (self.line, node.rows.start);
+            let position = [LAT, LON, ALT].map(|state| self.now.x[state]);
+            let at = self.field.at_error(line.ins, row, position);
+            slope_nt_per_m = at.map_or(f64::NAN, |at| line.slope_nt_per_m(row, &at));
+            further = self.further(node);
+            usage = if further.is_none() { usage } else { Usage::Used };
+            innovation = if used == 0 { further.difference } else { innovation };
         }
         Estimate {
             rows: node.rows.clone(),
@@ -77,8 +110,23 @@ impl Front<'_> {
             p: self.now.ins_covariance(),
             coefficients: self.now.x[self.layout.coefficients()..].to_vec(),
             innovation,
+            further,
+            slope_nt_per_m,
             usage,
         }
+    }
+
+    /// The further measurements of a node, linearised together at the state after its scalar ones.
+    fn further(&mut self, node: &Node) -> SampleInnovations {
+        let mut innovations = SampleInnovations::default();
+        let rows = node.aid_rows(self.aids, self.layout, self.line, &mut self.field, &self.now.x);
+        for linear in rows.iter() {
+            let residual_nt = linear.residual(&self.now.x);
+            let s = self.now.predict(&linear.sensitivity(), linear.variance, &mut self.gain);
+            innovations.note(linear.of, Innovation { residual_nt, nis: residual_nt * residual_nt / s });
+            self.now.update(residual_nt, s, &mut self.gain, &mut self.spare);
+        }
+        innovations
     }
 }
 
@@ -87,6 +135,7 @@ pub(super) struct Passage<'a> {
     parameters: &'a FixedLagParameters,
     layout: &'a Layout,
     magnetometers: &'a [Magnetometer<'a>],
+    aids: &'a Aids<'a>,
     nodes: Nodes<'a>,
     front: Front<'a>,
     window: Window<'a>,
@@ -100,22 +149,16 @@ impl<'a> Passage<'a> {
         parameters: &'a FixedLagParameters,
         layout: &'a Layout,
         magnetometers: &'a [Magnetometer<'a>],
+        aids: (&'a Aids<'a>, &'a AidStates),
         nodes: Nodes<'a>,
         prior: Gaussian,
         output: FixedLagOutput,
     ) -> Self {
         let line = nodes.line;
-        let front = Front {
-            parameters,
-            layout,
-            line,
-            field: line.predicted(),
-            gain: vec![0.0; prior.dim()],
-            now: prior.clone(),
-            spare: vec![],
-        };
-        let window = Window::new(parameters, layout, line, prior);
-        Self { parameters, layout, magnetometers, nodes, front, window, pending: VecDeque::new(), output }
+        let front = Front::new(parameters, layout, line, aids, prior.clone());
+        let window = Window::new(parameters, layout, line, aids, prior);
+        let (pending, aids) = (VecDeque::new(), aids.0);
+        Self { parameters, layout, magnetometers, aids, nodes, front, window, pending, output }
     }
 
     /// Goes through all windows.
@@ -126,8 +169,8 @@ impl<'a> Passage<'a> {
         let end_after = |tt_s: f64| first_s + stride_s * (((tt_s - first_s + SLACK_S) / stride_s).floor() + 1.0);
         while let Some(next_s) = self.nodes.next_s() {
             let end_s = end_after(next_s);
-            while let Some(node) = self.nodes.take(end_s) {
-                let estimate = self.front.take(&node);
+            while let Some(mut node) = self.nodes.take(end_s) {
+                let estimate = self.front.take(&mut node);
                 self.pending.push_back(estimate);
                 self.window.nodes.push(node);
                 if self.nodes.next_s().is_some_and(|next_s| next_s >= end_s - SLACK_S) {
@@ -203,7 +246,7 @@ impl<'a> Passage<'a> {
     /// Writes the samples of a node.
     fn emit(&mut self, estimate: Estimate) -> Result<(), NavigationError> {
         let line = self.nodes.line;
-        let Estimate { rows, mut x, mut p, coefficients, innovation, usage, .. } = estimate;
+        let Estimate { rows, mut x, mut p, coefficients, innovation, further, slope_nt_per_m, usage, .. } = estimate;
         for row in rows.clone() {
             let mut innovation = innovation;
             if row > rows.start {
@@ -216,16 +259,22 @@ impl<'a> Passage<'a> {
                 return Err(NavigationError::Diverged { row, tt_s: line.ins.tt_s[row] });
             }
             let usage = match usage {
-                Usage::Used if !self.magnetometers.iter().any(|one| one.precision(row) > 0.0) => Usage::Missing,
+                Usage::Used if further.is_none() && !self.magnetometers.iter().any(|one| one.precision(row) > 0.0) => {
+                    Usage::Missing
+                }
                 usage => usage,
             };
             let report = &mut output.report;
             match usage {
-                Usage::Used => report.updates += 1,
+                Usage::Used | Usage::Flat => report.updates += 1,
                 Usage::Missing => report.missing_measurements += 1,
                 Usage::OffMap => report.off_map += 1,
             }
             self.output.usage.push(usage);
+            // What is averaged has its innovation at the first sample.
+            let of_row = if row == rows.start { further } else { SampleInnovations::default() };
+            self.output.aids.push(self.aids, &of_row);
+            self.output.slope_nt_per_m.push(slope_nt_per_m);
             for (magnetometer, block) in self.magnetometers.iter().zip(&self.layout.blocks) {
                 let first = self.layout.coefficients();
                 let beta = &coefficients[block.start - first..block.end - first];

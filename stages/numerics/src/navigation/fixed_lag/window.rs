@@ -2,10 +2,12 @@
 
 use std::ops::Range;
 
+use crate::navigation::aids::{Aid, AidStates, Aids, Rows};
 use crate::navigation::gaussian::{
     Gaussian, Layout, Sensitivity, Step, add_scaled, noise_times, propagate_adjoint, propagate_mean,
 };
-use crate::navigation::pinson::{STATES, StateMatrix};
+use crate::navigation::output::Innovation;
+use crate::navigation::pinson::{ALT, LAT, LON, STATES, StateMatrix};
 use crate::navigation::{NavigationLine, PredictedField};
 
 use super::nodes::{LocalField, Node};
@@ -24,20 +26,40 @@ struct Path {
     distance: f64,
 }
 
+/// The measurements of all nodes, linearised about a path.
+#[derive(Clone, Debug, Default)]
+struct About {
+    /// By node and magnetometer.
+    fields: Vec<Option<LocalField>>,
+    /// By node, where there are further measurements.
+    rows: Vec<Rows>,
+}
+
 /// What the forward pass leaves of a measurement to its adjoint.
 #[derive(Clone, Copy, Debug)]
-struct Trace {
-    of: Source,
+pub(super) struct Trace {
+    pub(super) of: Source,
     /// Innovation over its variance, and that variance.
     scaled: f64,
     variance: f64,
+    /// By how much a robust loss enlarges it.
+    inflated: f64,
+}
+
+impl Trace {
+    /// The innovation, and its square over the variance that the loss does not enlarge.
+    pub(super) fn innovation(&self) -> Innovation {
+        let residual_nt = self.scaled * self.variance;
+        Innovation { residual_nt, nis: residual_nt * residual_nt / (self.variance - self.inflated) }
+    }
 }
 
 /// What a measurement is of, by its place among those of the node.
 #[derive(Clone, Copy, Debug)]
-enum Source {
+pub(super) enum Source {
     Magnetometer(usize),
     Fix(usize),
+    Aid(Aid),
 }
 
 /// A window that slides along the nodes.
@@ -45,6 +67,9 @@ pub(super) struct Window<'a> {
     parameters: &'a FixedLagParameters,
     layout: &'a Layout,
     line: &'a NavigationLine<'a>,
+    aids: (&'a Aids<'a>, &'a AidStates),
+    /// Where a step moves no position by as much as this, in m, the window is solved too.
+    pub tolerance_m: f64,
     field: PredictedField<'a>,
     /// The first is the window's start.
     pub nodes: Vec<Node>,
@@ -55,9 +80,9 @@ pub(super) struct Window<'a> {
     path: Path,
     trial: Path,
     /// What the last forward pass is linearised about.
-    fields: Vec<Option<LocalField>>,
+    about: About,
     /// About the trial path; between windows about the path.
-    trial_fields: Vec<Option<LocalField>>,
+    trial_about: About,
     /// By node, where its traces begin; one more at the end.
     starts: Vec<usize>,
     traces: Vec<Trace>,
@@ -73,12 +98,15 @@ impl<'a> Window<'a> {
         parameters: &'a FixedLagParameters,
         layout: &'a Layout,
         line: &'a NavigationLine<'a>,
+        aids: (&'a Aids<'a>, &'a AidStates),
         prior: Gaussian,
     ) -> Self {
         Self {
             parameters,
             layout,
             line,
+            aids,
+            tolerance_m: 0.0,
             field: line.predicted(),
             nodes: vec![],
             last: prior.clone(),
@@ -86,8 +114,8 @@ impl<'a> Window<'a> {
             prior,
             path: Path::default(),
             trial: Path::default(),
-            fields: vec![],
-            trial_fields: vec![],
+            about: About::default(),
+            trial_about: About::default(),
             starts: vec![],
             traces: vec![],
             gains: vec![],
@@ -108,12 +136,32 @@ impl<'a> Window<'a> {
     /// Solves for the states of all nodes and keeps the predicted ones of the nodes `wanted`.
     pub fn solve(&mut self, wanted: &[bool]) -> WindowReport {
         let new = self.extend();
-        std::mem::swap(&mut self.fields, &mut self.trial_fields);
-        Self::evaluate(&mut self.field, self.line, &self.nodes, &self.path, new.start, &mut self.fields);
+        std::mem::swap(&mut self.about, &mut self.trial_about);
+        self.evaluate(new.start);
+        self.path.distance = self.distance(&self.path);
+        let before = self.cost(&self.path, &self.about, &self.about);
+        self.iterate(&new, wanted, before)
+    }
+
+    /// Solves for the states of all nodes, linearised about these first, whatever they cost.
+    pub fn solve_from(&mut self, x: Vec<f64>, wanted: &[bool]) -> WindowReport {
+        self.path = Path { adjoint: vec![0.0; x.len()], x, distance: 0.0 };
+        self.evaluate(0);
+        self.iterate(&(0..0), wanted, f64::INFINITY)
+    }
+
+    /// The measurements about the path, from a node on.
+    fn evaluate(&mut self, first: usize) {
+        let (mut about, path) = (std::mem::take(&mut self.about), std::mem::take(&mut self.path));
+        self.linearise(&path.x, first, &mut about);
+        (self.about, self.path) = (about, path);
+    }
+
+    /// Gauss and Newton's iteration from the path, which costs `before`. Nothing is known of the residuals of the nodes `new`
+    /// yet.
+    fn iterate(&mut self, new: &Range<usize>, wanted: &[bool], mut before: f64) -> WindowReport {
         self.predicted.resize(self.nodes.len(), None);
         let mut report = WindowReport { smallest_step: 1.0, states: self.dim(), ..WindowReport::default() };
-        self.path.distance = self.distance(&self.path);
-        let mut before = self.cost(&self.path, &self.fields, &self.fields);
         let tolerance = self.parameters.tolerance;
         while report.iterations < self.parameters.iterations.max(1) && !report.converged {
             // Nothing is known of the new residuals before the first iteration.
@@ -121,7 +169,8 @@ impl<'a> Window<'a> {
             self.forward(&trusted, wanted);
             self.adjoint();
             report.iterations += 1;
-            let linear = self.cost(&self.trial, &self.fields, &self.fields);
+            let linear = self.cost(&self.trial, &self.about, &self.about);
+            report.last_step_m = if before.is_finite() { self.step_m() } else { f64::INFINITY };
             let (share, after) = self.search(before);
             report.smallest_step = report.smallest_step.min(share);
             report.converged = share > 0.0
@@ -130,21 +179,22 @@ impl<'a> Window<'a> {
                     Loss::None => before - after < tolerance || (share == 1.0 && (linear - after).abs() < tolerance),
                     Loss::Huber | Loss::Cauchy => before - after < tolerance && report.iterations > 1,
                 };
+            report.converged |= share == 1.0 && report.last_step_m < self.tolerance_m;
             if share == 0.0 {
                 break;
             }
             if report.converged {
                 // The last pass stands, with the fields that it used.
-                std::mem::swap(&mut self.fields, &mut self.trial_fields);
+                std::mem::swap(&mut self.about, &mut self.trial_about);
                 before = after;
             } else {
                 // What is off the map or on it may have changed with the path.
-                before = self.cost(&self.path, &self.fields, &self.fields);
+                before = self.cost(&self.path, &self.about, &self.about);
             }
         }
         if !report.converged {
             self.forward(&(0..0), wanted);
-            self.trial_fields.clone_from(&self.fields);
+            self.trial_about.clone_from(&self.about);
         }
         report.span_s = [self.nodes[0].tt_s, self.nodes[self.nodes.len() - 1].tt_s];
         report.nodes = self.nodes.len();
@@ -171,23 +221,39 @@ impl<'a> Window<'a> {
         known..self.nodes.len()
     }
 
-    /// The fields about a path from a node on, by node and magnetometer.
-    fn evaluate(
-        field: &mut PredictedField,
-        line: &NavigationLine,
-        nodes: &[Node],
-        path: &Path,
-        first: usize,
-        out: &mut Vec<Option<LocalField>>,
-    ) {
-        let dim = path.x.len() / nodes.len();
-        out.truncate(first * nodes[0].measurements.len());
-        for (node, x) in nodes.iter().zip(path.x.chunks_exact(dim)).skip(first) {
-            for of in 0..node.measurements.len() {
-                let local = node.field(of, line, field, x);
-                out.push(local);
+    /// The measurements about the states of all nodes, from a node on.
+    fn linearise(&mut self, x: &[f64], first: usize, out: &mut About) {
+        let (dim, magnetometers) = (self.dim(), self.layout.blocks.len());
+        out.fields.truncate(first * magnetometers);
+        out.rows.truncate(first);
+        for (node, x) in self.nodes.iter().zip(x.chunks_exact(dim)).skip(first) {
+            for of in 0..magnetometers {
+                out.fields.push(node.field(of, self.line, &mut self.field, x));
+            }
+            if self.aids.0.is_any() {
+                out.rows.push(node.aid_rows(self.aids, self.layout, self.line, &mut self.field, x));
             }
         }
+    }
+
+    /// The largest distance from the path to the trial path, in m.
+    fn step_m(&self) -> f64 {
+        let dim = self.dim();
+        let mut largest = 0.0_f64;
+        for (node, (to, from)) in
+            self.nodes.iter().zip(self.trial.x.chunks_exact(dim).zip(self.path.x.chunks_exact(dim)))
+        {
+            let (ins, row) = (self.line.ins, node.rows.start);
+            let m_per_rad = self.line.errors.earth.north_east_m_per_rad(ins.lat_deg[row].to_radians(), ins.alt_m[row]);
+            let (north, east) = (m_per_rad.0 * (to[LAT] - from[LAT]), m_per_rad.1 * (to[LON] - from[LON]));
+            largest = largest.max((north * north + east * east + (to[ALT] - from[ALT]).powi(2)).sqrt());
+        }
+        largest
+    }
+
+    /// What the last forward pass made of the measurements of a node.
+    pub fn traces(&self, node: usize) -> &[Trace] {
+        &self.traces[self.starts[node]..self.starts[node + 1]]
     }
 
     /// Half the squared distance of a path from prior and process: ½ λᵀ P λ of the first node, ½ λᵀ Q λ of the others.
@@ -204,20 +270,27 @@ impl<'a> Window<'a> {
 
     /// The distance and the cost of the residuals that `counted` has; where the field is not known there, the residual
     /// of `counted` stands for it.
-    fn cost(&self, path: &Path, fields: &[Option<LocalField>], counted: &[Option<LocalField>]) -> f64 {
+    fn cost(&self, path: &Path, about: &About, counted: &About) -> f64 {
         let (dim, magnetometers) = (self.dim(), self.layout.blocks.len());
         let (loss, mut sum) = (self.parameters.robust(), path.distance);
         for (k, node) in self.nodes.iter().enumerate() {
             let range = k * dim..(k + 1) * dim;
             for (of, measurement) in node.measurements.iter().enumerate() {
                 let place = k * magnetometers + of;
-                let (Some(measurement), Some(known)) = (measurement, &counted[place]) else { continue };
-                let (field, x) = match &fields[place] {
+                let (Some(measurement), Some(known)) = (measurement, &counted.fields[place]) else { continue };
+                let (field, x) = match &about.fields[place] {
                     Some(field) => (field, &path.x[range.clone()]),
                     None => (known, &self.path.x[range.clone()]),
                 };
                 let residual = measurement.residual(field, &measurement.sensitivity(field, self.layout, of), x);
                 sum += loss.of(residual / measurement.variance_nt2.sqrt());
+            }
+            for known in counted.rows.get(k).into_iter().flat_map(Rows::iter) {
+                let (linear, x) = match about.rows.get(k).and_then(|rows| rows.get(known.of)) {
+                    Some(linear) => (linear, &path.x[range.clone()]),
+                    None => (known, &self.path.x[range.clone()]),
+                };
+                sum += 0.5 * linear.residual(x).powi(2) / linear.variance;
             }
             for fix in &node.fixes {
                 sum += 0.5 * fix.residual(&path.x[range.clone()]).powi(2) / fix.variance;
@@ -254,10 +327,11 @@ impl<'a> Window<'a> {
                 self.gains.resize(at + dim, 0.0);
                 let s = now.predict(&fix.sensitivity(), fix.variance, &mut self.gains[at..]);
                 now.update(innovation, s, &mut self.gains[at..], &mut self.spare);
-                self.traces.push(Trace { of: Source::Fix(of), scaled: innovation / s, variance: s });
+                let (of, scaled) = (Source::Fix(of), innovation / s);
+                self.traces.push(Trace { of, scaled, variance: s, inflated: 0.0 });
             }
             for (of, measurement) in node.measurements.iter().enumerate() {
-                let (Some(measurement), Some(field)) = (measurement, &self.fields[k * magnetometers + of]) else {
+                let (Some(measurement), Some(field)) = (measurement, &self.about.fields[k * magnetometers + of]) else {
                     continue;
                 };
                 let h = measurement.sensitivity(field, self.layout, of);
@@ -271,7 +345,16 @@ impl<'a> Window<'a> {
                 self.gains.resize(at + dim, 0.0);
                 let s = now.predict(&h, variance, &mut self.gains[at..]);
                 now.update(innovation, s, &mut self.gains[at..], &mut self.spare);
-                self.traces.push(Trace { of: Source::Magnetometer(of), scaled: innovation / s, variance: s });
+                let (of, scaled) = (Source::Magnetometer(of), innovation / s);
+                self.traces.push(Trace { of, scaled, variance: s, inflated: variance - measurement.variance_nt2 });
+            }
+            for linear in self.about.rows.get(k).into_iter().flat_map(Rows::iter) {
+                let (innovation, at) = (linear.residual(&now.x), self.gains.len());
+                self.gains.resize(at + dim, 0.0);
+                let s = now.predict(&linear.sensitivity(), linear.variance, &mut self.gains[at..]);
+                now.update(innovation, s, &mut self.gains[at..], &mut self.spare);
+                let (of, scaled) = (Source::Aid(linear.of), innovation / s);
+                self.traces.push(Trace { of, scaled, variance: s, inflated: 0.0 });
             }
         }
         self.starts.push(self.traces.len());
@@ -311,9 +394,10 @@ impl<'a> Window<'a> {
             Source::Fix(of) => self.nodes[node].fixes.get(of).map(|fix| fix.sensitivity()),
             Source::Magnetometer(of) => {
                 let measurement = self.nodes[node].measurements[of].as_ref()?;
-                let field = self.fields[node * self.layout.blocks.len() + of].as_ref()?;
+                let field = self.about.fields[node * self.layout.blocks.len() + of].as_ref()?;
                 Some(measurement.sensitivity(field, self.layout, of))
             }
+            Source::Aid(of) => Some(self.about.rows.get(node)?.get(of)?.sensitivity()),
         }
     }
 
@@ -342,12 +426,14 @@ impl<'a> Window<'a> {
     fn search(&mut self, before: f64) -> (f64, f64) {
         let mut share = 1.0;
         for _ in 0..MOST_HALVINGS {
-            Self::evaluate(&mut self.field, self.line, &self.nodes, &self.trial, 0, &mut self.trial_fields);
-            let after = self.cost(&self.trial, &self.trial_fields, &self.fields);
+            let (mut about, trial) = (std::mem::take(&mut self.trial_about), std::mem::take(&mut self.trial));
+            self.linearise(&trial.x, 0, &mut about);
+            (self.trial_about, self.trial) = (about, trial);
+            let after = self.cost(&self.trial, &self.trial_about, &self.about);
             // Rounding may raise the cost of a path that was the solution already.
             if after <= before + 1e-9 * before.abs() {
                 std::mem::swap(&mut self.path, &mut self.trial);
-                std::mem::swap(&mut self.fields, &mut self.trial_fields);
+                std::mem::swap(&mut self.about, &mut self.trial_about);
                 return (share, after);
             }
             share *= 0.5;
@@ -406,7 +492,8 @@ impl<'a> Window<'a> {
         self.predicted.drain(..first);
         self.path.x.drain(..first * dim);
         self.path.adjoint.drain(..first * dim);
-        self.trial_fields.drain(..first * self.layout.blocks.len());
+        self.trial_about.fields.drain(..first * self.layout.blocks.len());
+        self.trial_about.rows.drain(..first.min(self.trial_about.rows.len()));
     }
 }
 

@@ -13,10 +13,12 @@ use params::Fault;
 
 use crate::earth::core_field::CoreField;
 use crate::maps::map_stack::FieldMap;
+use crate::navigation::aids::{AidInnovations, AidStates, Aids, Usage};
 use crate::navigation::ins_error::{InsErrorModel, ParameterError};
 use crate::navigation::ins_series::InsSeries;
 use crate::navigation::line::NavigationLine;
 use crate::navigation::output::{NavigationError, NavigationOutput};
+use crate::navigation::pinson::STATES;
 use crate::navigation::position_fixes::PositionFixes;
 
 use filter::{Along, Filter};
@@ -38,18 +40,21 @@ pub struct LineModel<'a> {
     pub offset_window_s: f64,
     /// Positions from elsewhere, each used before the measurements of its sample.
     pub fixes: Option<&'a PositionFixes>,
+    /// Measurements beside the magnetometers, each used after them. Where the map is too flat, a magnetometer corrects the
+    /// temporal variation, the map's error and the aircraft's field alone.
+    pub aids: Aids<'a>,
 }
 
 impl<'a> LineModel<'a> {
     /// Of a line, whose own measurement is left out.
     pub fn of(line: &NavigationLine<'a>) -> Self {
         let NavigationLine { ins, map, core, errors, offset_window_s, fixes, .. } = *line;
-        Self { ins, map, core, errors, offset_window_s, fixes }
+        Self { ins, map, core, errors, offset_window_s, fixes, aids: Aids::default() }
     }
 
     /// With a magnetometer's measurement and its standard deviation, in nT.
     pub(crate) fn with(&self, measurement_nt: &'a [f64], sigma_nt: &'a [f64]) -> NavigationLine<'a> {
-        let Self { ins, map, core, errors, offset_window_s, fixes } = *self;
+        let Self { ins, map, core, errors, offset_window_s, fixes, .. } = *self;
         NavigationLine { ins, measurement_nt, sigma_nt, map, core, errors, offset_window_s, fixes }
     }
 }
@@ -149,6 +154,23 @@ impl ExtraStates {
         Ok(())
     }
 
+    /// These and the states of further measurements behind them.
+    fn with(&self, aids: &AidStates) -> Self {
+        let (own, count) = (self.mean.len(), self.mean.len() + aids.errors.len());
+        let mut all = Self { covariance: vec![0.0; count * count], ..self.clone() };
+        for (row, from) in self.covariance.chunks_exact(own.max(1)).enumerate() {
+            all.covariance[row * count..][..own].copy_from_slice(from);
+        }
+        for (place, error) in aids.errors.iter().enumerate() {
+            all.covariance[(own + place) * (count + 1)] = error.sigma * error.sigma;
+            all.mean.push(0.0);
+            // Those that last for a distance have a time constant at each step only.
+            all.density.push(if error.tau_s.is_finite() { error.noise_density() } else { 0.0 });
+            all.tau_s.push(error.tau_s);
+        }
+        all
+    }
+
     /// The factor by which a step multiplies each deviation from the mean, and the variance that it adds.
     #[inline(always)]
     fn step(&self, dt_s: f64, decay: &mut [f64], noise: &mut [f64]) {
@@ -207,6 +229,12 @@ pub(crate) struct AugmentedOutput {
     pub(crate) c: Vec<f64>,
     /// Their covariance, row-major.
     pub(crate) c_covariance: Vec<f64>,
+    /// What became of each sample, where there are further measurements.
+    pub(crate) usage: Vec<Usage>,
+    /// Their innovations.
+    pub(crate) aids: AidInnovations,
+    /// The horizontal slope of the predicted field, in nT/m, where it is asked whether the map is too flat.
+    pub(crate) slope_nt_per_m: Vec<f64>,
     /// The further states of every sample and their standard deviations, a row a sample; empty unless asked for.
     pub(crate) c_by_row: Vec<f64>,
     pub(crate) c_sigma_by_row: Vec<f64>,
@@ -237,7 +265,10 @@ pub(crate) fn run<M: AircraftModel>(
     for line in &lines {
         line.check()?;
     }
-    let mut filter = Filter::new(line, lines, model, states, parameters);
+    line.aids.check(line.ins.len())?;
+    let of_aids = AidStates::of(&line.aids, STATES + states.mean.len());
+    let all = states.with(&of_aids);
+    let mut filter = Filter::new(line, lines, model, (states, &all, of_aids), parameters);
     filter.take_offsets();
     pulp::Arch::new().dispatch(Along(filter))
 }

@@ -120,6 +120,27 @@ impl Covariance {
             *gain = ph * weight;
             *rest = 0.5 * by.innovation_variance * *gain - ph;
         }
+        self.correct_by(gain, rest);
+    }
+
+    /// The update that corrects no other states than those that `corrects` names [Schmidt 1966].
+    pub(crate) fn consider(
+        &mut self,
+        by: &Scalar<'_>,
+        gain: &mut [f64],
+        rest: &mut [f64],
+        corrects: impl Fn(usize) -> bool,
+    ) {
+        for (state, ((gain, rest), ph)) in gain.iter_mut().zip(&mut *rest).zip(by.ph).enumerate() {
+            *gain = if corrects(state) { ph / by.innovation_variance } else { 0.0 };
+            *rest = 0.5 * by.innovation_variance * *gain - ph;
+        }
+        self.correct_by(gain, rest);
+    }
+
+    /// P + K vᵀ + v Kᵀ.
+    #[inline(always)]
+    fn correct_by(&mut self, gain: &[f64], rest: &[f64]) {
         let (gain, rest) = (&gain[..self.stride], &rest[..self.stride]);
         for (row, entries) in self.entries.chunks_exact_mut(self.stride).enumerate() {
             let (own_gain, own_rest) = (gain[row], rest[row]);

@@ -143,7 +143,7 @@ fn law_fixed_weights_are_the_ekf_on_the_compensated_line() {
         walk_density: vec![0.0; states],
         misfit_nt: 0.0,
     };
-    let ours = run(&line, &network, &features, &prior, &ALL).unwrap();
+    let ours = run(&line, &network, &features, &prior, &Aids::default(), &ALL).unwrap();
     let parameters = EkfParameters { errors: flight.errors, keep_covariance: true, ..EkfParameters::default() };
     let mut compensated_nt = compensated_nt;
     compensated_nt[77] = f64::NAN;
@@ -169,7 +169,7 @@ fn law_fixed_weights_are_the_ekf_on_the_compensated_line() {
     for bad in [f64::NAN, f64::INFINITY] {
         let mut gap = features.clone();
         gap[3 * 50 + 1] = bad;
-        let output = run(&line, &network, &gap, &prior, &ALL).unwrap();
+        let output = run(&line, &network, &gap, &prior, &Aids::default(), &ALL).unwrap();
         assert_eq!(output.track.report.missing, 2);
         assert!(output.track.aircraft_nt[50].is_nan() && output.navigation.residual_nt[50].is_nan());
     }
@@ -210,9 +210,9 @@ fn law_bad_networks_are_refused_in_words() {
     let flight = Flight::turning(&map, 1);
     let line = flight.line(&map).with(&flight.measurement_nt[0], &flight.sigma_nt[0]);
     let prior = train(&network, &good, None, &parameters).unwrap();
-    let fault = run(&line, &network, &features, &prior, &ALL).unwrap_err().to_string();
+    let fault = run(&line, &network, &features, &prior, &Aids::default(), &ALL).unwrap_err().to_string();
     assert_eq!(fault, "150 values of features are given, not 230 rows of 3");
     let other = NetworkPrior { weights: vec![0.0; 3], ..prior };
-    let fault = run(&line, &network, &[0.0; 3 * ROWS], &other, &ALL).unwrap_err().to_string();
+    let fault = run(&line, &network, &[0.0; 3 * ROWS], &other, &Aids::default(), &ALL).unwrap_err().to_string();
     assert_eq!(fault, "3 weights and 21 densities are given for the 21 of the network");
 }

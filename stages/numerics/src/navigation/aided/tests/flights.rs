@@ -6,7 +6,7 @@ use crate::navigation::ins_error::{InsErrorModel, InsErrors};
 use crate::navigation::pinson::{TILT_D, VE, VN};
 use crate::random::Normals;
 
-const SAMPLES: u32 = 900;
+pub(super) const SAMPLES: u32 = 900;
 const FLIGHTS: u64 = 20;
 
 fn linearisations() -> [(&'static str, Linearisation); 3] {
@@ -22,8 +22,8 @@ fn storm_nt(t_s: f64) -> f64 {
     150.0 * (t_s / 40.0).sin() + 60.0 * (t_s / 7.0).cos()
 }
 
-/// The difference of two magnetometers 15 m behind each other.
-fn difference_nt(flight: &Flight, baseline_m: [f64; 3], sigma_nt: f64, seed: u64) -> Vec<f64> {
+/// The difference of two magnetometers this far from each other.
+pub(super) fn difference_nt(flight: &Flight, baseline_m: [f64; 3], sigma_nt: f64, seed: u64) -> Vec<f64> {
     let mut normals = Normals::new(seed);
     let bias = GaussMarkov { sigma: 0.3, tau_s: 600.0 }.realisation(&flight.truth.columns[0], || normals.draw());
     let (world, columns) = (world(), &flight.truth.columns);
@@ -33,7 +33,8 @@ fn difference_nt(flight: &Flight, baseline_m: [f64; 3], sigma_nt: f64, seed: u64
     let of = |row: usize| {
         let [lat, lon, alt] = [1, 2, 3].map(|column: usize| columns[column][row]);
         let [roll, pitch, yaw] = [10, 11, 12].map(|column: usize| columns[column][row].to_radians());
-        let arm = body_to_ned(roll, pitch, yaw) * Vector3::from(baseline_m);
+        let tilt = Vector3::from_row_slice(&flight.errors[row][TILT_N..=TILT_D]);
+        let arm = tilted(&body_to_ned(roll, pitch, yaw), &tilt) * Vector3::from(baseline_m);
         let (north, east) = EarthModel::Wgs84.north_east_m_per_rad(lat.to_radians(), alt);
         let (dlat, dlon) = ((0.5 * arm.x / north).to_degrees(), (0.5 * arm.y / east).to_degrees());
         let up = -0.5 * arm.z;
@@ -43,9 +44,9 @@ fn difference_nt(flight: &Flight, baseline_m: [f64; 3], sigma_nt: f64, seed: u64
 }
 
 /// The mean NEES of the position over flights, by time, and the mean square error and that of the INS in m².
-struct Consistency {
+pub(super) struct Consistency {
     nees: Vec<f64>,
-    square_m2: f64,
+    pub(super) square_m2: f64,
     ins_m2: f64,
     nis: f64,
 }
@@ -58,18 +59,27 @@ fn consistency(
     nis: impl Fn(&AidedOutput) -> &[f64],
     of: impl Fn(&Flight, u64) -> AidedOutput,
 ) -> Consistency {
+    consistency_of(model, |flight, seed| {
+        let mut output = of(flight, seed);
+        output.navigation.nis = nis(&output).to_vec();
+        output.navigation
+    })
+}
+
+/// The same of filters that hand out a track.
+pub(super) fn consistency_of(model: InsErrorModel, of: impl Fn(&Flight, u64) -> NavigationOutput) -> Consistency {
     let mut found = Consistency { nees: vec![0.0; TIMES.len()], square_m2: 0.0, ins_m2: 0.0, nis: 0.0 };
     let n = FLIGHTS as f64;
     for seed in 0..FLIGHTS {
         let flight = Flight::flown(seed, SAMPLES, 1.0, model);
         let output = of(&flight, seed);
         for (sum, row) in found.nees.iter_mut().zip(TIMES) {
-            *sum += flight.nees(&output.navigation, row) / n;
+            *sum += flight.nees(&output, row) / n;
         }
-        found.square_m2 += flight.square_m2(&output.navigation, 100) / n;
+        found.square_m2 += flight.square_m2(&output, 100) / n;
         let ins = crate::navigation::ins_only::run(&flight.ins.series(), &flight.model, None).unwrap();
         found.ins_m2 += flight.square_m2(&ins, 100) / n;
-        let all: Vec<f64> = nis(&output).iter().copied().filter(|nis| nis.is_finite()).collect();
+        let all: Vec<f64> = output.nis.iter().copied().filter(|nis| nis.is_finite()).collect();
         found.nis += all.iter().sum::<f64>() / (all.len() as f64 * n);
     }
     found
@@ -77,7 +87,7 @@ fn consistency(
 
 impl Consistency {
     /// Asserts that the NEES is within its 99.9 % band at each of four times, and the NIS near 1.
-    fn assert(&self, what: &str, nis_within: f64) {
+    pub(super) fn assert(&self, what: &str, nis_within: f64) {
         let freedom = 2.0 * FLIGHTS as f64;
         let (low, high) = (chi_square(freedom, -3.29) / FLIGHTS as f64, chi_square(freedom, 3.29) / FLIGHTS as f64);
         let (error, ins) = (self.square_m2.sqrt(), self.ins_m2.sqrt());
@@ -91,7 +101,7 @@ impl Consistency {
 }
 
 /// An INS that drifts by hundreds of metres in a quarter of an hour.
-fn drifting() -> InsErrorModel {
+pub(super) fn drifting() -> InsErrorModel {
     InsErrorModel::of(InsErrors { init_velocity_sigma_mps: 0.3, ..InsErrors::default() })
 }
 
@@ -126,7 +136,7 @@ fn law_a_difference_navigates_through_a_storm_that_defeats_the_scalar_field() {
         let by = |scalar: bool| {
             consistency(
                 drifting(),
-                |output| if scalar { &output.navigation.nis } else { &output.difference.nis },
+                |output| if scalar { &output.navigation.nis } else { &output.aids.difference.nis },
                 |flight, seed| with_difference(flight, seed, linearisation, scalar),
             )
         };
@@ -145,6 +155,34 @@ fn law_a_difference_navigates_through_a_storm_that_defeats_the_scalar_field() {
 }
 
 #[test]
+fn law_a_difference_is_right_where_the_heading_is_half_a_degree_off() {
+    let sources = InsErrors { init_heading_sigma_deg: Some(0.5), init_velocity_sigma_mps: 0.3, ..InsErrors::default() };
+    for (name, linearisation) in linearisations() {
+        let found = consistency(
+            InsErrorModel::of(sources),
+            |output| &output.aids.difference.nis,
+            |flight, seed| with_difference(flight, seed, linearisation, false),
+        );
+        found.assert(&format!("difference, half a degree, {name}"), 0.05);
+    }
+}
+
+/// A Gauss-Markov process of the distance flown.
+pub(super) fn lasting_error_nt(flight: &Flight, of: MapError, seed: u64) -> Vec<f64> {
+    let mut normals = Normals::new(seed);
+    let columns = &flight.truth.columns;
+    let mut error_nt = of.sigma_nt * normals.draw();
+    let mut all = vec![error_nt];
+    for row in 1..columns[0].len() {
+        let step_m = columns[4][row - 1].hypot(columns[5][row - 1]);
+        let decay = (-step_m / of.length_m).exp();
+        error_nt = decay * error_nt + of.sigma_nt * (1.0 - decay * decay).sqrt() * normals.draw();
+        all.push(error_nt);
+    }
+    all
+}
+
+#[test]
 fn law_a_map_error_that_lasts_is_a_state_and_not_white() {
     let lasting = MapError { sigma_nt: 15.0, length_m: 1000.0 };
     let by = |map_error: Option<MapError>| {
@@ -152,19 +190,9 @@ fn law_a_map_error_that_lasts_is_a_state_and_not_white() {
             drifting(),
             |output| &output.navigation.nis,
             |flight, seed| {
-                let mut normals = Normals::new(700 + seed);
-                let columns = &flight.truth.columns;
                 let mut measured = flight.measured(1000 + seed, 2.0);
-                // A Gauss-Markov process of the distance flown.
-                let mut error_nt = lasting.sigma_nt * normals.draw();
-                for (row, nt) in measured.iter_mut().enumerate() {
-                    if row > 0 {
-                        let step_m = columns[4][row - 1].hypot(columns[5][row - 1]);
-                        let decay = (-step_m / lasting.length_m).exp();
-                        error_nt = decay * error_nt + lasting.sigma_nt * (1.0 - decay * decay).sqrt() * normals.draw();
-                    }
-                    *nt += error_nt;
-                }
+                let errors = lasting_error_nt(flight, lasting, 700 + seed);
+                measured.iter_mut().zip(errors).for_each(|(nt, error)| *nt += error);
                 // White noise of the same size, for the filter that has no state of it.
                 let sigma_nt = map_error.map_or(15.0_f64.hypot(2.0), |_| 2.0);
                 let (ins, sigma) = (flight.ins.series(), vec![sigma_nt; SAMPLES as usize]);
@@ -231,7 +259,8 @@ fn law_a_vector_tells_the_heading_and_little_of_the_position() {
         let mut heading = [0.0; 2];
         let n = FLIGHTS as f64;
         let mut velocity = 0.0;
-        let found = consistency(model, |output| if with { &output.vector.nis } else { &output.navigation.nis }, fly);
+        let found =
+            consistency(model, |output| if with { &output.aids.vector.nis } else { &output.navigation.nis }, fly);
         for seed in 0..FLIGHTS {
             let flight = Flight::flown(seed, SAMPLES, 1.0, model);
             let out = fly(&flight, seed).navigation;

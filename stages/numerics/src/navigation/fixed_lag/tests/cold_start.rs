@@ -151,7 +151,7 @@ fn jac_an_averaged_measurement() {
     let coefficients = Coefficients { regressors, mean: &zeros, covariance: &covariance, walk_density: &zeros };
     let magnetometers = [Magnetometer { coefficients, ..Magnetometer::of_line(&line) }];
     let error = GaussMarkov { sigma: 5.0, tau_s: 2.0 };
-    let mut layout = Layout { errors: vec![error], blocks: vec![], walk: zeros.clone() };
+    let mut layout = Layout { errors: vec![error], walk: zeros.clone(), ..Layout::default() };
     layout.blocks.push(STATES + 1..layout.dim());
     let node = Nodes::new(&line, &magnetometers, &layout, &[0.0], 1.0).take(f64::INFINITY).unwrap();
     assert_eq!(node.rows, 0..10);

@@ -3,12 +3,16 @@
 use pulp::{Simd, WithSimd};
 
 use crate::earth::field_value::FieldValue;
+use crate::navigation::aided::filter::Outcome;
+use crate::navigation::aids::{AidInnovations, AidStates, Linear, SampleInnovations, Usage};
 use crate::navigation::field::PredictedField;
 use crate::navigation::line::NavigationLine;
 use crate::navigation::output::{Innovation, NavigationError, NavigationOutput};
 use crate::navigation::pinson::{ALT, LAT, LON, S, STATES, StateVector, pinson_matrix};
 use crate::navigation::position_fixes::StateFix;
 use crate::navigation::transition::{propagate_state, transition_matrix};
+
+use crate::signal::gauss_markov::GaussMarkov;
 
 use super::super::covariance::{Covariance, Scalar, Step, WIDEST, dot};
 use super::{
@@ -64,7 +68,11 @@ pub(super) struct Filter<'a, M> {
     line: LineModel<'a>,
     lines: Vec<NavigationLine<'a>>,
     model: M,
+    /// Those that the model of the aircraft's field depends on.
+    own: usize,
+    /// These, and those of the further measurements behind them.
     states: &'a ExtraStates,
+    of_aids: AidStates,
     parameters: OnlineParameters,
     predicted: PredictedField<'a>,
     density: StateVector,
@@ -80,9 +88,10 @@ impl<'a, M: AircraftModel> Filter<'a, M> {
         line: &LineModel<'a>,
         lines: Vec<NavigationLine<'a>>,
         model: M,
-        states: &'a ExtraStates,
+        (own, states, of_aids): (&ExtraStates, &'a ExtraStates, AidStates),
         parameters: &OnlineParameters,
     ) -> Self {
+        let own = own.mean.len();
         let (ins, errors, others, rows) = (line.ins, line.errors, states.mean.len(), line.ins.len());
         let first = errors.initial_covariance(ins.point(0).lat_rad, ins.alt_m[0]);
         let p = Covariance::new(&first, &states.covariance, others);
@@ -106,18 +115,36 @@ impl<'a, M: AircraftModel> Filter<'a, M> {
             aircraft_nt: column(),
             report: MagnetometerReport::default(),
         };
-        let kept = if parameters.keep_coefficients { rows * others } else { 0 };
+        let kept = if parameters.keep_coefficients { rows * own } else { 0 };
         let output = AugmentedOutput {
             navigation: NavigationOutput::with_capacity(rows, parameters.keep_states, parameters.keep_covariance),
             magnetometers: (0..lines.len()).map(track).collect(),
             c: vec![],
             c_covariance: vec![],
+            usage: vec![],
+            aids: AidInnovations::default(),
+            slope_nt_per_m: vec![],
             c_by_row: Vec::with_capacity(kept),
             c_sigma_by_row: Vec::with_capacity(kept),
         };
         let (predicted, readings) = (PredictedField::new(line.map, line.core), vec![Reading::Missing; lines.len()]);
         let (line, parameters, density) = (*line, *parameters, errors.noise_density());
-        Self { line, lines, model, states, parameters, predicted, density, x, p, readings, scratch, output }
+        Self {
+            line,
+            lines,
+            model,
+            own,
+            states,
+            of_aids,
+            parameters,
+            predicted,
+            density,
+            x,
+            p,
+            readings,
+            scratch,
+            output,
+        }
     }
 
     /// Finds the offset of each magnetometer.
@@ -127,7 +154,8 @@ impl<'a, M: AircraftModel> Filter<'a, M> {
             let within = ins.tt_s.iter().take_while(|tt_s| **tt_s - ins.tt_s[0] <= window_s).count();
             let mut left_nt = Vec::with_capacity(within);
             for row in 0..within {
-                let aircraft_nt = self.model.value(magnetometer, row, &self.states.mean).unwrap_or(f64::NAN);
+                let aircraft_nt =
+                    self.model.value(magnetometer, row, &self.states.mean[..self.own]).unwrap_or(f64::NAN);
                 left_nt.push(line.measured(row, 0.0).map_or(f64::NAN, |(nt, _)| nt - aircraft_nt));
             }
             let report = &mut self.output.magnetometers[magnetometer].report;
@@ -150,6 +178,11 @@ impl<'a, M: AircraftModel> Filter<'a, M> {
         self.x[..STATES].copy_from_slice(&moved);
         let Scratch { decay, noise, .. } = &mut self.scratch;
         self.states.step(dt_s, decay, noise);
+        let speed_mps = ins.vn_mps[row - 1].hypot(ins.ve_mps[row - 1]);
+        for (place, length_m) in &self.of_aids.lengths_m {
+            let error = GaussMarkov { tau_s: length_m / speed_mps, ..self.of_aids.errors[*place] };
+            (decay[self.own + place], noise[self.own + place]) = (error.decay(dt_s), error.step_variance(dt_s));
+        }
         for ((c, mean), decay) in self.x[STATES..].iter_mut().zip(&self.states.mean).zip(&*decay) {
             if *decay != 1.0 {
                 *c = mean + decay * (*c - mean);
@@ -186,10 +219,8 @@ impl<'a, M: AircraftModel> Filter<'a, M> {
             self.readings[magnetometer] = self.linearise(magnetometer, row);
             measured |= matches!(self.readings[magnetometer], Reading::Residual(..));
         }
-        if measured {
-            self.predict_field(row);
-        }
-        let (mut off_map, mut used, mut sum, mut samples, mut residual_nt) = (false, false, 0.0, 0_usize, f64::NAN);
+        let slope_nt_per_m = self.predict_field(row, measured);
+        let (mut off_map, mut used, mut sum, mut samples, mut residual_nt) = (false, None, 0.0, 0_usize, f64::NAN);
         for magnetometer in 0..self.lines.len() {
             let (mut own_nt, mut own_nis) = (f64::NAN, f64::NAN);
             match self.readings[magnetometer] {
@@ -199,8 +230,12 @@ impl<'a, M: AircraftModel> Filter<'a, M> {
                     self.output.magnetometers[magnetometer].report.off_map += 1;
                 }
                 Reading::Residual(before_nt, variance_nt2) => {
-                    let (nis, was_used) = self.correct(magnetometer, before_nt, variance_nt2)?;
-                    (own_nt, own_nis, used) = (before_nt, nis, used || was_used);
+                    let flat = self.line.aids.is_flat(variance_nt2, slope_nt_per_m);
+                    let (nis, was_used) = self.correct(magnetometer, before_nt, variance_nt2, flat)?;
+                    if was_used && used != Some(Usage::Used) {
+                        used = Some(if flat { Usage::Flat } else { Usage::Used });
+                    }
+                    (own_nt, own_nis) = (before_nt, nis);
                     (sum, samples) = (sum + nis, samples + 1);
                     residual_nt = if residual_nt.is_nan() { before_nt } else { residual_nt };
                 }
@@ -209,20 +244,85 @@ impl<'a, M: AircraftModel> Filter<'a, M> {
             track.residual_nt.push(own_nt);
             track.nis.push(own_nis);
         }
-        let report = &mut self.output.navigation.report;
-        let count = match (samples, off_map, used) {
-            (_, _, true) => &mut report.updates,
-            (1.., ..) => &mut report.gated,
-            (0, true, _) => &mut report.off_map,
-            (0, false, _) => &mut report.missing_measurements,
+        let innovation = Innovation { residual_nt, nis: if samples > 0 { sum / samples as f64 } else { f64::NAN } };
+        let scalar = match (used, samples, off_map) {
+            (Some(Usage::Flat), ..) => Outcome::Flat(innovation),
+            (Some(_), ..) => Outcome::Used(innovation),
+            (None, 1.., _) => Outcome::Gated(innovation),
+            (None, 0, true) => Outcome::OffMap,
+            (None, 0, false) => Outcome::Missing,
         };
-        *count += 1;
-        Ok(Innovation { residual_nt, nis: if samples > 0 { sum / samples as f64 } else { f64::NAN } })
+        Ok(self.further(row, scalar, innovation, slope_nt_per_m))
     }
 
-    /// Takes the field of map and core field off the residuals, and its slope into their rows of H.
+    /// The further measurements of a sample, each linearised at the state before it; what is handed out as its innovation.
     #[inline(always)]
-    fn predict_field(&mut self, row: usize) {
+    fn further(&mut self, row: usize, scalar: Outcome, innovation: Innovation, slope_nt_per_m: f64) -> Innovation {
+        if !self.line.aids.is_any() {
+            self.output.navigation.report.count(Outcome::usage(&[scalar]));
+            return innovation;
+        }
+        let aids = self.line.aids;
+        let mut sample = SampleInnovations::default();
+        let line = &self.lines[0];
+        let difference = match aids.difference_row(&self.of_aids, &mut self.predicted, line, row, &self.x) {
+            None => Outcome::Missing,
+            Some(None) => Outcome::OffMap,
+            Some(Some(difference)) => self.take(&difference, &mut sample),
+        };
+        let mut vector = Outcome::Missing;
+        match aids.vector_rows(&self.of_aids, &self.lines[0], row, &self.x) {
+            None => {}
+            Some(None) => vector = Outcome::OffMap,
+            Some(Some(components)) => {
+                for component in &components {
+                    let outcome = self.take(component, &mut sample);
+                    if !matches!(vector, Outcome::Used(_)) {
+                        vector = outcome;
+                    }
+                }
+            }
+        }
+        if let Some(height) = aids.height_row(&self.of_aids, &self.lines[0], row) {
+            self.take(&height, &mut sample);
+        }
+        let usage = Outcome::usage(&[scalar, difference, vector]);
+        self.output.navigation.report.count(usage);
+        self.output.usage.push(usage);
+        self.output.aids.push(&aids, &sample);
+        self.output.slope_nt_per_m.push(slope_nt_per_m);
+        if innovation.nis.is_nan() { sample.difference } else { innovation }
+    }
+
+    /// Uses a further measurement.
+    fn take(&mut self, linear: &Linear, sample: &mut SampleInnovations) -> Outcome {
+        let Scratch { h, ph, gain, rest, .. } = &mut self.scratch;
+        let h = &mut h[..self.p.stride()];
+        h.fill(0.0);
+        linear.sensitivity().add_to(h, 1.0);
+        self.p.times(h, ph);
+        let innovation_variance = dot(h, ph) + linear.variance;
+        let residual_nt = linear.residual(&self.x);
+        let innovation = Innovation { residual_nt, nis: residual_nt * residual_nt / innovation_variance };
+        sample.note(linear.of, innovation);
+        if self.parameters.gate_nis.is_some_and(|gate| innovation.nis > gate) {
+            return Outcome::Gated(innovation);
+        }
+        self.p.correct(&Scalar { ph, innovation_variance }, gain, rest);
+        for (x, gain) in self.x.iter_mut().zip(&*gain) {
+            *x += gain * residual_nt;
+        }
+        Outcome::Used(innovation)
+    }
+
+    /// Takes the field of map and core field off the residuals, and its slope into their rows of H; the horizontal slope in
+    /// nT/m, where it is asked for.
+    #[inline(always)]
+    fn predict_field(&mut self, row: usize, measured: bool) -> f64 {
+        let asked = self.line.aids.flat_over_m.is_some();
+        if !measured && !asked {
+            return f64::NAN;
+        }
         let field = self.predicted.at_error(self.line.ins, row, [self.x[LAT], self.x[LON], self.x[ALT]]);
         let rows = self.scratch.h.chunks_exact_mut(self.p.stride());
         for (reading, h) in self.readings.iter_mut().zip(rows) {
@@ -234,6 +334,7 @@ impl<'a, M: AircraftModel> Filter<'a, M> {
             (h[LAT], h[LON], h[ALT]) = (d_lat_nt_per_rad, d_lon_nt_per_rad, d_alt_nt_per_m);
             *reading = Reading::Residual(nt - value_nt, variance_nt2);
         }
+        field.filter(|_| asked).map_or(f64::NAN, |at| self.lines[0].slope_nt_per_m(row, &at))
     }
 
     /// The residual of a magnetometer but for the field of map and core field, and its row of H but for their slope, at
@@ -243,8 +344,7 @@ impl<'a, M: AircraftModel> Filter<'a, M> {
         let stride = self.p.stride();
         let h = &mut self.scratch.h[magnetometer * stride..][..stride];
         h.fill(0.0);
-        let others = self.states.mean.len();
-        let (c, d_c) = (&self.x[STATES..][..others], &mut h[STATES..][..others]);
+        let (c, d_c) = (&self.x[STATES..][..self.own], &mut h[STATES..][..self.own]);
         let offset_nt = self.output.magnetometers[magnetometer].report.offset_nt;
         let Some((nt, variance_nt2)) = self.lines[magnetometer].measured(row, offset_nt) else {
             return Reading::Missing;
@@ -254,7 +354,12 @@ impl<'a, M: AircraftModel> Filter<'a, M> {
             _ => return Reading::Missing,
         };
         h[S] = 1.0;
-        Reading::Residual(nt - (self.x[S] + aircraft_nt), variance_nt2)
+        let mut expected_nt = self.x[S] + aircraft_nt;
+        if let Some(state) = self.of_aids.map_error {
+            h[state] = 1.0;
+            expected_nt += self.x[state];
+        }
+        Reading::Residual(nt - expected_nt, variance_nt2)
     }
 
     /// Uses a measurement: its squared residual over its variance, and whether it passed the gate.
@@ -264,6 +369,7 @@ impl<'a, M: AircraftModel> Filter<'a, M> {
         magnetometer: usize,
         before_nt: f64,
         variance_nt2: f64,
+        flat: bool,
     ) -> Result<(f64, bool), NavigationError> {
         let stride = self.p.stride();
         let Scratch { h, ph, gain, rest, before, .. } = &mut self.scratch;
@@ -289,7 +395,14 @@ impl<'a, M: AircraftModel> Filter<'a, M> {
             return Ok((nis, false));
         }
         report.updates += 1;
-        self.p.correct(&Scalar { ph, innovation_variance }, gain, rest);
+        let by = Scalar { ph, innovation_variance };
+        if flat {
+            let (own, map_error) = (STATES..STATES + self.own, self.of_aids.map_error);
+            let corrects = |state: usize| state == S || own.contains(&state) || map_error == Some(state);
+            self.p.consider(&by, gain, rest, corrects);
+        } else {
+            self.p.correct(&by, gain, rest);
+        }
         for (x, gain) in self.x.iter_mut().zip(&*gain) {
             *x += gain * residual_nt;
         }
@@ -307,11 +420,11 @@ impl<'a, M: AircraftModel> Filter<'a, M> {
         let (x, p) = (&self.x, &self.p);
         self.output.navigation.push(ins, row, |state| x[state], |a, b| p.at(a, b), innovation, errors.earth);
         for (magnetometer, track) in self.output.magnetometers.iter_mut().enumerate() {
-            let aircraft_nt = self.model.value(magnetometer, row, &x[STATES..][..self.states.mean.len()]);
+            let aircraft_nt = self.model.value(magnetometer, row, &x[STATES..][..self.own]);
             track.aircraft_nt.push(aircraft_nt.filter(|nt| nt.is_finite()).unwrap_or(f64::NAN));
         }
         if self.parameters.keep_coefficients {
-            let states = STATES..STATES + self.states.mean.len();
+            let states = STATES..STATES + self.own;
             self.output.c_by_row.extend(&x[states.clone()]);
             self.output.c_sigma_by_row.extend(states.map(|state| p.at(state, state).sqrt()));
         }
@@ -319,8 +432,10 @@ impl<'a, M: AircraftModel> Filter<'a, M> {
     }
 
     fn finish(mut self) -> AugmentedOutput {
-        self.output.c = self.x[STATES..][..self.states.mean.len()].to_vec();
-        self.output.c_covariance = self.p.others();
+        self.output.c = self.x[STATES..][..self.own].to_vec();
+        let (all, count) = (self.p.others(), self.states.mean.len());
+        let rows = all.chunks_exact(count.max(1)).take(self.own);
+        self.output.c_covariance = rows.flat_map(|row| &row[..self.own]).copied().collect();
         self.output
     }
 }

@@ -5,6 +5,7 @@ use std::f64::consts::TAU;
 use crate::compensation::tolles_lawson::{DEFAULT_SCALE_NT, Field, Terms, matrix};
 use crate::earth::attitude::body_to_ned;
 use crate::maps::{FieldMap, GeographicGrid, Interpolation, MapSurface};
+use crate::navigation::aids::Aids;
 use crate::navigation::{InsErrorModel, InsSeries};
 use crate::random::Normals;
 use nalgebra::Vector3;
@@ -117,7 +118,15 @@ impl Flight {
     pub(crate) fn line<'a>(&self, map: &'a FieldMap) -> LineModel<'a> {
         let columns: &'static [Vec<f64>; 13] = Box::leak(Box::new(self.columns.clone()));
         let ins = Box::leak(Box::new(InsSeries::of(columns.each_ref().map(Vec::as_slice))));
-        LineModel { ins, map, core: None, errors: self.errors, offset_window_s: 0.0, fixes: None }
+        LineModel {
+            ins,
+            map,
+            core: None,
+            errors: self.errors,
+            offset_window_s: 0.0,
+            fixes: None,
+            aids: Aids::default(),
+        }
     }
 
     pub(crate) fn magnetometer<'a>(

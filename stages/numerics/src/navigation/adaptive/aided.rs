@@ -1,0 +1,136 @@
+//! The same filter with further measurements beside the scalar field.
+
+use crate::navigation::aided::filter::{Filter, Outcome};
+use crate::navigation::aided::{AidedOutput, AidedParameters, Linearisation};
+use crate::navigation::aids::Aids;
+use crate::navigation::gaussian::Sensitivity;
+use crate::navigation::line::NavigationLine;
+use crate::navigation::output::{Innovation, NavigationError};
+use crate::navigation::pinson::{ALT, LAT, LON, S, STATES};
+
+use super::noise::{Fusion, Learner};
+use super::window::Window;
+use super::{Adapt, Adapted, AdaptiveParameters, Magnetometer};
+
+/// What the filter makes of a line with further measurements.
+#[derive(Clone, Debug, Default)]
+pub struct AidedAdaptiveOutput {
+    /// The estimate; of the scalar field as that of [`AdaptiveOutput`](super::AdaptiveOutput).
+    pub line: AidedOutput,
+    /// What was learnt of each magnetometer, in their order.
+    pub magnetometers: Vec<Adapted>,
+    /// The share of a correction by the scalar field that is given back as process noise after each sample.
+    pub given_back: Vec<f64>,
+}
+
+/// [`run`](super::run) with further measurements, whose noise is as told: that of the magnetometers alone is learnt.
+///
+/// H P Hᵀ of an innovation holds the map's error where that is a state, so that it is not learnt as white noise. A sample where the
+/// map is too flat is learnt from, and corrects the temporal variation and the map's error alone.
+///
+/// # Errors
+/// As [`run`](super::run) and [`Aids::check`].
+pub fn run_aided(
+    parameters: &AdaptiveParameters,
+    line: &NavigationLine<'_>,
+    magnetometers: &[Magnetometer<'_>],
+    aids: &Aids<'_>,
+) -> Result<AidedAdaptiveOutput, NavigationError> {
+    parameters.check()?;
+    line.check()?;
+    let rows = line.ins.len();
+    magnetometers.iter().try_for_each(|magnetometer| magnetometer.check(rows))?;
+    aids.check(rows)?;
+    let AdaptiveParameters { gate_nis, keep_states, keep_covariance, .. } = *parameters;
+    let of_core = AidedParameters { linearisation: Linearisation::Once, gate_nis, keep_states, keep_covariance };
+    let mut core = Filter::new(line, aids, &of_core);
+    let learners: Vec<Learner<'_>> =
+        magnetometers.iter().map(|magnetometer| Learner::new(parameters, line, *magnetometer)).collect();
+    let offset = learners.first().map_or((0.0, 0), |first| (first.adapted.offset_nt, first.adapted.offset_samples));
+    let report = &mut core.output.navigation.report;
+    (report.offset_nt, report.offset_samples) = offset;
+    let excess = Window::new(parameters.window);
+    let mut adaptive = Adaptive { parameters, core, learners, excess, pending: None };
+    let mut given_back = Vec::with_capacity(rows);
+    for row in 0..rows {
+        adaptive.give_back();
+        adaptive.core.advance(row);
+        let scalar = adaptive.fuse(row);
+        given_back.push(adaptive.pending.as_ref().map_or(0.0, |pending| pending.share));
+        adaptive.core.finish(row, scalar)?;
+    }
+    let magnetometers = adaptive.learners.into_iter().map(|learner| learner.adapted).collect();
+    Ok(AidedAdaptiveOutput { line: adaptive.core.output, magnetometers, given_back })
+}
+
+/// A share of a correction that becomes process noise.
+struct GiveBack {
+    /// P Hᵀ.
+    ph: Vec<f64>,
+    /// H P Hᵀ + R.
+    variance_nt2: f64,
+    share: f64,
+}
+
+struct Adaptive<'a> {
+    parameters: &'a AdaptiveParameters,
+    core: Filter<'a>,
+    learners: Vec<Learner<'a>>,
+    /// The last innovations, squared over their variance, less 1.
+    excess: Window,
+    pending: Option<GiveBack>,
+}
+
+impl Adaptive<'_> {
+    fn give_back(&mut self) {
+        let Some(GiveBack { ph, variance_nt2, share }) = self.pending.take() else { return };
+        let factor = share / variance_nt2;
+        let rows = self.core.now.p.chunks_exact_mut(ph.len());
+        for (row, of_row) in rows.zip(&ph) {
+            // The product of the two entries first, so that the matrix stays exactly symmetric.
+            row.iter_mut().zip(&ph).for_each(|(entry, of_column)| *entry += factor * (of_row * of_column));
+        }
+    }
+
+    /// Corrects by the magnetometers of a row.
+    fn fuse(&mut self, row: usize) -> Outcome {
+        let centre = self.core.look(row);
+        let measured = self.learners.iter().any(|learner| learner.measured(row).is_some());
+        let Some((field, slope)) = centre.filter(|_| measured) else {
+            self.learners.iter_mut().for_each(Learner::skip);
+            return if measured { Outcome::OffMap } else { Outcome::Missing };
+        };
+        let mut of_ins = [0.0; STATES];
+        (of_ins[LAT], of_ins[LON], of_ins[ALT]) =
+            (field.d_lat_nt_per_rad, field.d_lon_nt_per_rad, field.d_alt_nt_per_m);
+        of_ins[S] = 1.0;
+        let of_map = self.core.states.of_map();
+        let h = Sensitivity { common: of_map, ..Sensitivity::of_ins(&of_ins) };
+        let Filter { now, gain, spare, aids, .. } = &mut self.core;
+        let predicted_nt2 = now.predict(&h, 0.0, gain);
+        let expected_nt = field.value_nt + now.x[S] + of_map.1 * now.x[of_map.0];
+        let mut fusion = Fusion::default();
+        for learner in &mut self.learners {
+            learner.innovate(row, expected_nt, predicted_nt2, &mut fusion);
+        }
+        self.learners.iter_mut().for_each(|learner| learner.settle(predicted_nt2, &fusion));
+        let (residual_nt, noise_nt2) = fusion.mean();
+        let variance_nt2 = predicted_nt2 + noise_nt2;
+        let innovation = Innovation { residual_nt, nis: residual_nt * residual_nt / variance_nt2 };
+        if !fusion.is_used() {
+            return Outcome::Gated(innovation);
+        }
+        if self.parameters.adapt != Adapt::R {
+            self.excess.push(innovation.nis - 1.0);
+            let share = (self.excess.sum() / self.parameters.window as f64).clamp(0.0, 1.0);
+            self.pending = (share > 0.0).then(|| GiveBack { ph: gain.clone(), variance_nt2, share });
+        }
+        if aids.is_flat(noise_nt2, slope) {
+            let corrects = |state: usize| state == S || state == of_map.0;
+            now.consider(residual_nt, variance_nt2, gain, spare, corrects);
+            return Outcome::Flat(innovation);
+        }
+        now.update(residual_nt, variance_nt2, gain, spare);
+        Outcome::Used(innovation)
+    }
+}

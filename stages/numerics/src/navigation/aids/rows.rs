@@ -1,0 +1,392 @@
+//! What a state predicts of the further measurements of a sample, and how that changes with the state.
+
+use nalgebra::{Matrix3, Vector3};
+
+use crate::earth::attitude::{body_to_ned, skew};
+use crate::earth::field_value::FieldValue;
+use crate::navigation::field::PredictedField;
+use crate::navigation::gaussian::Sensitivity;
+use crate::navigation::ins_series::InsSeries;
+use crate::navigation::line::NavigationLine;
+use crate::navigation::output::Innovation;
+use crate::navigation::pinson::{ALT, LAT, LON, S, STATES, StateMatrix, StateVector, TILT_N};
+
+use super::{AidInnovations, AidStates, Aids, Difference, Vector};
+
+/// A distance over which the core field is linear, in m.
+const CORE_STEP_M: f64 = 1000.0;
+
+/// A further measurement.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Aid {
+    Difference,
+    /// A component of the vector, along nose, right or down.
+    Vector(usize),
+    Height,
+}
+
+/// The scalar measurements of a sample at the most.
+const MOST: usize = 5;
+
+impl Aid {
+    const ALL: [Self; MOST] = [Self::Difference, Self::Vector(0), Self::Vector(1), Self::Vector(2), Self::Height];
+
+    fn place(self) -> usize {
+        match self {
+            Self::Difference => 0,
+            Self::Vector(axis) => 1 + axis,
+            Self::Height => 4,
+        }
+    }
+}
+
+/// A measurement linearised about a state: value = H x + white noise.
+#[derive(Clone, Debug)]
+pub(crate) struct Linear {
+    pub(crate) of: Aid,
+    /// The measurement less what is predicted but for H x, in its unit.
+    value: f64,
+    /// The variance of its white noise.
+    pub(crate) variance: f64,
+    ins: StateVector,
+    /// The bias, and its entry.
+    own: (usize, f64),
+    /// The first state of the crustal field, and the entries of its three parts.
+    crustal: (usize, [f64; 3]),
+}
+
+impl Linear {
+    /// The row of H.
+    pub(crate) fn sensitivity(&self) -> Sensitivity<'_> {
+        let regressors: &[f64] = if matches!(self.of, Aid::Vector(_)) { &self.crustal.1 } else { &[] };
+        Sensitivity { error: self.own, first: self.crustal.0, regressors, ..Sensitivity::of_ins(&self.ins) }
+    }
+
+    /// Measurement minus prediction at a state, in this linearisation.
+    pub(crate) fn residual(&self, x: &[f64]) -> f64 {
+        self.value - self.sensitivity().of(x)
+    }
+
+    /// The variance of what lasts of the error before the line: of the bias, the crustal field and the temporal variation, of
+    /// this standard deviation.
+    pub(crate) fn lasting_variance(&self, states: &AidStates, temporal_nt: f64) -> f64 {
+        let of = |(state, entry): (usize, f64)| states.variance(state).map_or(0.0, |of_state| entry * entry * of_state);
+        let lasting: f64 = self.sensitivity().entries().filter(|(state, _)| *state >= STATES).map(of).sum();
+        lasting + (self.ins[S] * temporal_nt).powi(2)
+    }
+
+    /// The same measurement as one of the state before, of which these are Φ and the decays of the further states.
+    pub(crate) fn carried(mut self, phi: &StateMatrix, decay: impl Fn(usize) -> f64) -> Self {
+        let mut ins = [0.0; STATES];
+        for (entry, row) in self.ins.iter().zip(phi) {
+            ins.iter_mut().zip(row).for_each(|(to, phi)| *to += entry * phi);
+        }
+        self.ins = ins;
+        self.own.1 *= decay(self.own.0);
+        let first = self.crustal.0;
+        if matches!(self.of, Aid::Vector(_)) {
+            self.crustal.1.iter_mut().enumerate().for_each(|(part, entry)| *entry *= decay(first + part));
+        }
+        self
+    }
+}
+
+/// The measurements of a sample, or the averages of those of an interval.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Rows {
+    rows: [Option<Box<Linear>>; MOST],
+    /// Whether one was not used for want of a map value.
+    pub(crate) off_map: bool,
+}
+
+impl Rows {
+    /// Those that there are, in the order in which they are used.
+    pub(crate) fn iter(&self) -> impl Iterator<Item = &Linear> {
+        self.rows.iter().flatten().map(AsRef::as_ref)
+    }
+
+    /// One of them.
+    pub(crate) fn get(&self, aid: Aid) -> Option<&Linear> {
+        self.rows[aid.place()].as_deref()
+    }
+
+    /// The same as measurements of the state before; see [`Linear::carried`].
+    pub(crate) fn carried(self, phi: &StateMatrix, decay: impl Fn(usize) -> f64) -> Self {
+        let carried = |row: Option<Box<Linear>>| row.map(|row| Box::new(row.carried(phi, &decay)));
+        Self { rows: self.rows.map(carried), off_map: self.off_map }
+    }
+
+    fn put(&mut self, row: Linear) {
+        let place = row.of.place();
+        self.rows[place] = Some(Box::new(row));
+    }
+
+    /// The means of the same measurement at several samples, of which `off_map` of one is that of all.
+    pub(crate) fn mean(samples: Vec<Self>) -> Self {
+        let mut mean = Self { off_map: samples.iter().any(|sample| sample.off_map), ..Self::default() };
+        for aid in Aid::ALL {
+            let lost = samples.iter().any(|sample| sample.off_map && sample.get(aid).is_none() && aid != Aid::Height);
+            let all: Vec<&Linear> = samples.iter().filter_map(|sample| sample.get(aid)).collect();
+            let Some((first, others)) = all.split_first().filter(|_| !lost) else { continue };
+            let mut sum = (*first).clone();
+            for one in others {
+                sum.value += one.value;
+                sum.own.1 += one.own.1;
+                sum.ins.iter_mut().zip(&one.ins).for_each(|(sum, entry)| *sum += entry);
+                sum.crustal.1.iter_mut().zip(&one.crustal.1).for_each(|(sum, entry)| *sum += entry);
+            }
+            let part = 1.0 / all.len() as f64;
+            sum.value *= part;
+            sum.variance *= part;
+            sum.own.1 *= part;
+            sum.ins.iter_mut().chain(&mut sum.crustal.1).for_each(|entry| *entry *= part);
+            mean.put(sum);
+        }
+        mean
+    }
+}
+
+/// The innovations of one sample.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct SampleInnovations {
+    pub(crate) difference: Innovation,
+    vector: (f64, f64, u32),
+    pub(crate) height: Innovation,
+}
+
+impl Default for SampleInnovations {
+    fn default() -> Self {
+        Self { difference: Innovation::NONE, vector: (0.0, 0.0, 0), height: Innovation::NONE }
+    }
+}
+
+impl SampleInnovations {
+    /// Notes the innovation of a measurement.
+    pub(crate) fn note(&mut self, of: Aid, innovation: Innovation) {
+        match of {
+            Aid::Difference => self.difference = innovation,
+            Aid::Height => self.height = innovation,
+            Aid::Vector(_) => {
+                let (squares, nis, count) = &mut self.vector;
+                *squares += innovation.residual_nt.powi(2);
+                *nis += innovation.nis;
+                *count += 1;
+            }
+        }
+    }
+
+    /// Whether the field is not measured but by scalar magnetometers.
+    pub(crate) fn is_none(&self) -> bool {
+        self.difference.nis.is_nan() && self.vector.2 == 0
+    }
+
+    /// That of the vector: its length, and the mean over its components.
+    pub(crate) fn vector(&self) -> Innovation {
+        match self.vector {
+            (_, _, 0) => Innovation::NONE,
+            (squares, nis, count) => Innovation { residual_nt: squares.sqrt(), nis: nis / f64::from(count) },
+        }
+    }
+}
+
+impl AidInnovations {
+    /// Hands out those of a sample, for what is measured at all.
+    pub(crate) fn push(&mut self, aids: &Aids<'_>, sample: &SampleInnovations) {
+        if aids.difference.is_some() {
+            self.difference.push(sample.difference);
+        }
+        if aids.vector.is_some() {
+            self.vector.push(sample.vector());
+        }
+        if aids.height.is_some() {
+            self.height.push(sample.height);
+        }
+    }
+}
+
+impl Aids<'_> {
+    /// All further measurements of a row, linearised about a state `x` whose further states are at `states`. A value that is
+    /// not finite is no measurement.
+    pub(crate) fn rows(
+        &self,
+        states: &AidStates,
+        field: &mut PredictedField<'_>,
+        line: &NavigationLine<'_>,
+        row: usize,
+        x: &[f64],
+    ) -> Rows {
+        let mut rows = Rows::default();
+        match self.difference_row(states, field, line, row, x) {
+            Some(Some(difference)) => rows.put(difference),
+            Some(None) => rows.off_map = true,
+            None => {}
+        }
+        match self.vector_rows(states, line, row, x) {
+            Some(Some(vector)) => vector.into_iter().for_each(|component| rows.put(component)),
+            Some(None) => rows.off_map = true,
+            None => {}
+        }
+        if let Some(height) = self.height_row(states, line, row) {
+            rows.put(height);
+        }
+        rows
+    }
+
+    /// The difference of a row, where it is measured; `Some(None)` off the map.
+    pub(crate) fn difference_row(
+        &self,
+        states: &AidStates,
+        field: &mut PredictedField<'_>,
+        line: &NavigationLine<'_>,
+        row: usize,
+        x: &[f64],
+    ) -> Option<Option<Linear>> {
+        let (of, bias) = self.difference.as_ref().zip(states.difference)?;
+        let value_nt = of.difference_nt[row];
+        if !value_nt.is_finite() {
+            return None;
+        }
+        let Some((at, tilt)) = of.field(field, line, row, [x[LAT], x[LON], x[ALT]]) else { return Some(None) };
+        let mut ins = [0.0; STATES];
+        (ins[LAT], ins[LON], ins[ALT]) = (at.d_lat_nt_per_rad, at.d_lon_nt_per_rad, at.d_alt_nt_per_m);
+        ins[TILT_N..TILT_N + 3].copy_from_slice(&tilt);
+        let moved = ins[LAT] * x[LAT] + ins[LON] * x[LON] + ins[ALT] * x[ALT];
+        Some(Some(Linear {
+            of: Aid::Difference,
+            value: value_nt - at.value_nt + moved,
+            variance: of.sigma_nt * of.sigma_nt,
+            ins,
+            own: (bias, 1.0),
+            crustal: (0, [0.0; 3]),
+        }))
+    }
+
+    /// The components of the vector of a row, where all are measured; `Some(None)` off the map.
+    pub(crate) fn vector_rows(
+        &self,
+        states: &AidStates,
+        line: &NavigationLine<'_>,
+        row: usize,
+        x: &[f64],
+    ) -> Option<Option<[Linear; 3]>> {
+        let (of, (bias, crustal)) = self.vector.as_ref().zip(states.vector)?;
+        let measured_nt = of.field_nt.map(|column| column[row]);
+        if measured_nt.iter().any(|value| !value.is_finite()) {
+            return None;
+        }
+        let Some(predicted) = of.predicted(line, row, x) else { return Some(None) };
+        Some(Some(std::array::from_fn(|axis| {
+            let ins = predicted.rows[axis];
+            let moved: f64 = ins.iter().zip(x).map(|(h, x)| h * x).sum();
+            Linear {
+                of: Aid::Vector(axis),
+                value: measured_nt[axis] - predicted.body_nt[axis] + moved,
+                variance: of.sigma_nt * of.sigma_nt,
+                ins,
+                own: (bias + axis, 1.0),
+                crustal: (crustal, predicted.crustal[axis]),
+            }
+        })))
+    }
+
+    /// The height of a row, where it is measured.
+    pub(crate) fn height_row(&self, states: &AidStates, line: &NavigationLine<'_>, row: usize) -> Option<Linear> {
+        let (of, bias) = self.height.as_ref().zip(states.height)?;
+        let value = of.alt_m[row] - line.ins.alt_m[row];
+        let mut ins = [0.0; STATES];
+        ins[ALT] = 1.0;
+        let variance = of.sigma_m * of.sigma_m;
+        let height = Linear { of: Aid::Height, value, variance, ins, own: (bias, 1.0), crustal: (0, [0.0; 3]) };
+        value.is_finite().then_some(height)
+    }
+}
+
+/// The rotation from body to north-east-down by the INS at a row.
+fn rotation(ins: &InsSeries<'_>, row: usize) -> Matrix3<f64> {
+    let [roll, pitch, yaw] = ins.point(row).euler_rad;
+    body_to_ned(roll, pitch, yaw)
+}
+
+impl Difference<'_> {
+    /// The difference of the fields at both ends about an error of the INS, its slope, and its derivative by the tilt, in
+    /// nT/rad; `None` where either end is off the map.
+    pub(crate) fn field(
+        &self,
+        field: &mut PredictedField<'_>,
+        line: &NavigationLine<'_>,
+        row: usize,
+        [lat, lon, alt]: [f64; 3],
+    ) -> Option<(FieldValue, [f64; 3])> {
+        let along = rotation(line.ins, row) * Vector3::from(self.baseline_m);
+        let half = along * 0.5;
+        let (lat_rad, alt_m) = (line.ins.lat_deg[row].to_radians(), line.ins.alt_m[row]);
+        let (north, east) = line.errors.earth.north_east_m_per_rad(lat_rad, alt_m);
+        let arm = [half.x / north, half.y / east, -half.z];
+        let first = field.at_error(line.ins, row, [lat + arm[0], lon + arm[1], alt + arm[2]])?;
+        let second = field.at_error(line.ins, row, [lat - arm[0], lon - arm[1], alt - arm[2]])?;
+        let mean = Vector3::new(
+            (first.d_lat_nt_per_rad + second.d_lat_nt_per_rad) / north,
+            (first.d_lon_nt_per_rad + second.d_lon_nt_per_rad) / east,
+            -(first.d_alt_nt_per_m + second.d_alt_nt_per_m),
+        ) * 0.5;
+        // The true baseline is (I − [ψ×]) C r = C r + C r × ψ, and g · (C r × ψ) = (g × C r) · ψ.
+        let tilt = mean.cross(&along);
+        let difference = FieldValue {
+            value_nt: first.value_nt - second.value_nt,
+            d_lat_nt_per_rad: first.d_lat_nt_per_rad - second.d_lat_nt_per_rad,
+            d_lon_nt_per_rad: first.d_lon_nt_per_rad - second.d_lon_nt_per_rad,
+            d_alt_nt_per_m: first.d_alt_nt_per_m - second.d_alt_nt_per_m,
+        };
+        Some((difference, [tilt.x, tilt.y, tilt.z]))
+    }
+}
+
+/// What a state predicts of the vector.
+struct PredictedVector {
+    /// Along nose, right and down, without the further states, in nT.
+    body_nt: [f64; 3],
+    /// The rows of H of the 18 states.
+    rows: [StateVector; 3],
+    /// Those of the crustal field north, east and down.
+    crustal: [[f64; 3]; 3],
+}
+
+impl Vector<'_> {
+    /// The vector and its derivatives at a state; `None` off the map.
+    fn predicted(&self, line: &NavigationLine<'_>, row: usize, x: &[f64]) -> Option<PredictedVector> {
+        let ins = line.ins;
+        let lat_deg = ins.lat_deg[row] + x[LAT].to_degrees();
+        let (lon_deg, alt_m) = (ins.lon_deg[row] + x[LON].to_degrees(), ins.alt_m[row] + x[ALT]);
+        let anomaly = line.map.at(lat_deg, lon_deg, alt_m)?;
+        let (north, east) = line.errors.earth.north_east_m_per_rad(lat_deg.to_radians(), alt_m);
+        let core = |lat_rad: f64, lon_rad: f64, up_m: f64| {
+            let (lat, lon) = (lat_deg + lat_rad.to_degrees(), lon_deg + lon_rad.to_degrees());
+            Vector3::from(self.core.field_ned_nt(lat, lon, alt_m + up_m))
+        };
+        let here = core(0.0, 0.0, 0.0);
+        let direction = here / here.norm();
+        let steps = [CORE_STEP_M / north, CORE_STEP_M / east, CORE_STEP_M];
+        let slopes = [anomaly.d_lat_nt_per_rad, anomaly.d_lon_nt_per_rad, anomaly.d_alt_nt_per_m];
+        let ned = here + direction * (anomaly.value_nt + x[S]);
+        let tilt = Vector3::new(x[TILT_N], x[TILT_N + 1], x[TILT_N + 2]);
+        let to_body = rotation(ins, row).transpose();
+        // Cᵀ (I + [ψ×]) B: the derivative by B, and that by ψ, which is −Cᵀ [B×].
+        let turn = to_body * (Matrix3::identity() + skew(&tilt));
+        let by_tilt = -to_body * skew(&ned);
+        let mut rows = [[0.0; STATES]; 3];
+        for (state, (step, slope)) in [LAT, LON, ALT].into_iter().zip(steps.into_iter().zip(slopes)) {
+            let ahead = [LAT, LON, ALT].map(|of| if of == state { step } else { 0.0 });
+            let changed = (core(ahead[0], ahead[1], ahead[2]) - here) / step + direction * slope;
+            let changed = turn * changed;
+            (0..3).for_each(|axis| rows[axis][state] = changed[axis]);
+        }
+        let along = turn * direction;
+        for axis in 0..3 {
+            rows[axis][S] = along[axis];
+            (0..3).for_each(|part| rows[axis][TILT_N + part] = by_tilt[(axis, part)]);
+        }
+        let body = turn * ned;
+        let crustal = std::array::from_fn(|axis| std::array::from_fn(|part| turn[(axis, part)]));
+        Some(PredictedVector { body_nt: [body.x, body.y, body.z], rows, crustal })
+    }
+}

@@ -1,0 +1,68 @@
+//! Where the states of the further measurements are among those of a filter.
+
+use crate::navigation::gaussian::Layout;
+use crate::navigation::pinson::S;
+use crate::signal::gauss_markov::GaussMarkov;
+
+use super::Aids;
+
+/// The Gauss-Markov states of the further measurements, one behind the other.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct AidStates {
+    /// The index of the first.
+    first: usize,
+    /// What they are. Those that last for a distance have no correlation time of their own.
+    pub(crate) errors: Vec<GaussMarkov>,
+    /// Those that last for a distance, by their place, with it in m.
+    pub(crate) lengths_m: Vec<(usize, f64)>,
+    pub(crate) difference: Option<usize>,
+    pub(crate) height: Option<usize>,
+    pub(crate) map_error: Option<usize>,
+    /// The first of the three biases of the vector, and of the three parts of the crustal field.
+    pub(crate) vector: Option<(usize, usize)>,
+}
+
+impl AidStates {
+    /// The states from an index on.
+    pub(crate) fn of(aids: &Aids<'_>, first: usize) -> Self {
+        let mut states = Self { first, ..Self::default() };
+        states.difference = aids.difference.map(|of| states.add(of.bias));
+        states.height = aids.height.map(|of| states.add(of.bias));
+        states.map_error = aids.map_error.map(|of| states.add_along(of.sigma_nt, of.length_m));
+        states.vector = aids.vector.map(|of| {
+            let biases = [(); 3].map(|()| states.add(of.bias));
+            let crustal = [(); 3].map(|()| states.add_along(of.crustal_sigma_nt, of.crustal_length_m));
+            (biases[0], crustal[0])
+        });
+        states
+    }
+
+    fn add(&mut self, error: GaussMarkov) -> usize {
+        self.errors.push(error);
+        self.first + self.errors.len() - 1
+    }
+
+    fn add_along(&mut self, sigma: f64, length_m: f64) -> usize {
+        let state = self.add(GaussMarkov { sigma, tau_s: f64::INFINITY });
+        self.lengths_m.push((state - self.first, length_m));
+        state
+    }
+
+    /// Adds them to the errors of a layout, whose next they are.
+    pub(crate) fn extend(&self, layout: &mut Layout) {
+        let before = layout.errors.len();
+        layout.errors.extend(&self.errors);
+        layout.lengths_m.extend(self.lengths_m.iter().map(|(place, length_m)| (before + place, *length_m)));
+    }
+
+    /// The entry of H of a scalar measurement for the map's error.
+    pub(crate) fn of_map(&self) -> (usize, f64) {
+        self.map_error.map_or((S, 0.0), |state| (state, 1.0))
+    }
+
+    /// The variance of a state before the line, where it is one of these.
+    pub(crate) fn variance(&self, state: usize) -> Option<f64> {
+        let place = state.checked_sub(self.first)?;
+        self.errors.get(place).map(|error| error.sigma * error.sigma)
+    }
+}

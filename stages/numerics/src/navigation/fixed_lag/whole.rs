@@ -1,0 +1,80 @@
+//! A line as one window, about the path of its filter: the fixed-interval smoother of any number of states.
+
+use crate::navigation::aids::{AidInnovations, AidStates, Aids, SampleInnovations};
+use crate::navigation::line::NavigationLine;
+use crate::navigation::output::{Innovation, NavigationError};
+use crate::navigation::pinson::{STATES, StateMatrix, StateVector};
+
+use super::nodes::Nodes;
+use super::passage::Front;
+use super::window::{Source, Window};
+use super::{FixedLagParameters, Magnetometer, Usage, WindowReport, layout, prior};
+
+/// The smoothed line.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Whole {
+    pub(crate) x: Vec<StateVector>,
+    pub(crate) p: Vec<StateMatrix>,
+    /// The innovations of the last forward pass, linearised along the path, over variances that a loss does not enlarge.
+    pub(crate) innovations: Vec<Innovation>,
+    pub(crate) aids: AidInnovations,
+    pub(crate) usage: Vec<Usage>,
+    pub(crate) slope_nt_per_m: Vec<f64>,
+    pub(crate) report: WindowReport,
+    pub(crate) offset: (f64, usize),
+}
+
+/// Smooths a line that has been checked, by its measurement and further ones. A step that moves no position by `tolerance_m` is the last.
+pub(crate) fn smooth(
+    parameters: &FixedLagParameters,
+    line: &NavigationLine<'_>,
+    aids: &Aids<'_>,
+    tolerance_m: f64,
+) -> Result<Whole, NavigationError> {
+    let magnetometers = [Magnetometer::of_line(line)];
+    let states = AidStates::of(aids, STATES + magnetometers.len());
+    let layout = layout(&magnetometers, &states);
+    let offset = line.predicted().offset(line.ins, line.measurement_nt, line.offset_window_s);
+    let offsets_nt = [offset.0];
+    let mut nodes = Nodes::new(line, &magnetometers, &layout, &offsets_nt, 0.0).with(aids, &states);
+    let start = prior(line, &magnetometers, &layout);
+    let mut front = Front::new(parameters, &layout, line, (aids, &states), start.clone());
+    let mut window = Window::new(parameters, &layout, line, (aids, &states), start);
+    window.tolerance_m = tolerance_m;
+    let (mut path, mut whole) = (vec![], Whole { offset, ..Whole::default() });
+    while let Some(mut node) = nodes.take(f64::INFINITY) {
+        let (row, tt_s) = (node.rows.start, node.tt_s);
+        let estimate = front.take(&mut node);
+        if !front.now.is_sound() {
+            return Err(NavigationError::Diverged { row, tt_s });
+        }
+        whole.usage.push(estimate.usage);
+        whole.slope_nt_per_m.push(estimate.slope_nt_per_m);
+        path.extend_from_slice(&front.now.x);
+        window.nodes.push(node);
+    }
+    let rows = window.nodes.len();
+    whole.report = window.solve_from(path, &vec![true; rows]);
+    whole.p = vec![[[0.0; STATES]; STATES]; rows];
+    window.covariances(0..rows, |row, p| whole.p[row] = p);
+    for row in 0..rows {
+        let mut x = [0.0; STATES];
+        x.copy_from_slice(&window.state(row)[..STATES]);
+        let sound = (0..STATES).all(|state| x[state].is_finite() && whole.p[row][state][state] >= 0.0);
+        if !sound {
+            return Err(NavigationError::Diverged { row, tt_s: line.ins.tt_s[row] });
+        }
+        whole.x.push(x);
+        let (mut of_field, mut further) = (Innovation::NONE, SampleInnovations::default());
+        for trace in window.traces(row) {
+            match trace.of {
+                Source::Magnetometer(_) => of_field = trace.innovation(),
+                Source::Aid(aid) => further.note(aid, trace.innovation()),
+                Source::Fix(_) => {}
+            }
+        }
+        whole.innovations.push(if of_field.nis.is_nan() { further.difference } else { of_field });
+        whole.aids.push(aids, &further);
+    }
+    Ok(whole)
+}
