@@ -246,14 +246,45 @@ fn ref_real_sensors_leave_linear_models_what_the_thesis_reports() {
 }
 
 #[test]
-fn user_the_thesis_spec_takes_the_columns_of_the_real_survey() {
+fn ref_a_network_is_below_partial_least_squares_below_tolles_lawson() {
+    let fewer = [
+        "axes.mag=[\"mag_4_uc\"]",
+        "axes.vector=[\"flux_a\"]",
+        "axes.vectors=[[\"TL_A_flux_a\", \"TL_A_flux_c\"]]",
+        "axes.model=[\"m2c\"]",
+        "axes.seed=[1]",
+    ];
+    let spec = repository().join("datasets/examples/thesis_000_networks.toml").display().to_string();
     let folder = TempDir::new().unwrap();
-    let spec = repository().join("datasets/examples/thesis_000.toml").display().to_string();
-    for file in ["Flt1003_sample.xyz", "sgl_2020.h5"] {
-        let path = repository().join("datasets/samples/magnavjl_sample").join(file);
-        let set = format!("tables.flights.path={}", path.display());
-        let output = magline(folder.path(), &["check", &spec, "--set", &set]);
+    let store = format!("store={}", folder.path().join("store").display());
+    let sets = fewer.iter().chain([&store.as_str()]).flat_map(|set| ["--set", *set]).collect::<Vec<_>>();
+    for table in ["box", "linear", "network"] {
+        let output = magline(folder.path(), &[&["run", &spec, "--until", table], &sets[..]].concat());
         assert!(output.status.success(), "{}", stderr(&output));
+    }
+    let error = |table: &str, axis: &str, model: &str| {
+        let scores = read(&folder.path().join("store/tables/thesis_000_networks").join(table));
+        let (metrics, values) = (texts(&scores, "metric"), numbers(&scores, "value"));
+        let models = texts(&scores, axis);
+        values[(0..values.len()).find(|&i| metrics[i] == "std_error" && models[i] == model).unwrap()]
+    };
+    let box_nt = error("box", "mag", "mag_4_uc");
+    let (linear_nt, network_nt) = (error("linear", "linear", "pls"), error("network", "model", "m2c"));
+    // The order of thesis 000, Table 4.10: 102, 10 and 8.6 nT.
+    assert!(network_nt < linear_nt && linear_nt < box_nt, "{network_nt} {linear_nt} {box_nt}");
+}
+
+#[test]
+fn user_the_thesis_specs_take_the_columns_of_the_real_survey() {
+    let folder = TempDir::new().unwrap();
+    for spec in ["thesis_000.toml", "thesis_000_networks.toml", "thesis_000_sweep.toml"] {
+        let spec = repository().join("datasets/examples").join(spec).display().to_string();
+        for file in ["Flt1003_sample.xyz", "sgl_2020.h5"] {
+            let path = repository().join("datasets/samples/magnavjl_sample").join(file);
+            let set = format!("tables.flights.path={}", path.display());
+            let output = magline(folder.path(), &["check", &spec, "--set", &set]);
+            assert!(output.status.success(), "{}", stderr(&output));
+        }
     }
 }
 

@@ -8,9 +8,9 @@ use rayon::prelude::*;
 /// Rows that are summed by themselves, fixed so that the sums do not depend on the number of threads.
 const CHUNK: usize = 4096;
 /// A column whose deviation is below this part of its mean holds nothing but the rounding of its mean.
-const LEAST_DEVIATION: f64 = 1e-12;
+pub(crate) const LEAST_DEVIATION: f64 = 1e-12;
 /// A component whose deviation is below this part of the largest holds nothing but rounding.
-const LEAST_COMPONENT: f64 = 1e-7;
+pub(crate) const LEAST_COMPONENT: f64 = 1e-7;
 
 /// Why columns are no inputs.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]

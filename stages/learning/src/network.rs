@@ -55,6 +55,7 @@ mod passes;
 mod recurrent;
 mod shape;
 mod state;
+mod terms;
 mod training;
 mod windowed;
 
@@ -65,6 +66,7 @@ pub use loss::Loss;
 pub use onnx::{OnnxError, Scales};
 pub use shape::{Form, Shape};
 pub use state::{State, StateError};
+pub use terms::TermScaling;
 pub use training::{
     Epoch, Optimiser, Samples, Schedule, SparseGroupLasso, Trained, Training, TrainingError, train, train_windowed,
 };

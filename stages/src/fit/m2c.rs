@@ -11,10 +11,11 @@ use super::{
 };
 
 model! {
-    /// As `m2b`, with the coefficients trained along: a . b + N(x). They begin as those of the ridge.
+    /// As `m2b`, with the coefficients trained along: a . b + N(x). They begin as those of the ridge. In training the terms
+    /// are centred and scaled, and with `whiten` uncorrelated; the table has the coefficients of the terms as they are.
     ///
     /// Source: thesis 000, section 4.2, model 2c; Gnadt 2022.
-    M2c = "m2c", version 1, scaling Standardise, intercept true, made of Samples, choose [Given], takes [whiten],
+    M2c = "m2c", version 2, scaling Standardise, intercept true, made of Samples, choose [Given], takes [whiten],
     groups [network: Network, part: LinearPart], example "epochs = 5";
     /// The weight of the distance of the prediction from the linear model, squared and over the target's scale, in the
     /// loss.
@@ -54,6 +55,12 @@ impl FitModel for M2c {
 
 #[cfg(test)]
 mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use std::sync::Arc;
+
+    use arrow_array::{Float64Array, RecordBatch, cast::AsArray, types::Float64Type};
+
     use crate::fit::testing::{COEFFICIENTS, INTERCEPT_NT, bent, fitted_to, number, plain, whole, words};
 
     #[test]
@@ -67,6 +74,24 @@ mod tests {
         let straight = fitted_to(&bent(), "ridge", &[number("lambda", 0.0)]).residual_std;
         let found = fitted_to(&bent(), "m2c", &keys).residual_std;
         assert!(found < 0.1 * straight, "{found} {straight}");
+    }
+
+    #[test]
+    fn law_the_unit_of_a_linear_term_does_not_matter() {
+        let scaled_by = |factor: f64| {
+            let mut lines = bent();
+            for line in &mut lines {
+                let of = |x: f64| factor * (x + 3.0);
+                let scaled: Float64Array = line.column(2).as_primitive::<Float64Type>().unary(of);
+                let mut columns = line.columns().to_vec();
+                columns[2] = Arc::new(scaled);
+                *line = RecordBatch::try_new(line.schema(), columns).unwrap();
+            }
+            let keys = [words("linear", &["a", "b", "c"]), whole("epochs", 20), whole("batch", 64)];
+            fitted_to(&lines, "m2c", &keys).residual_std
+        };
+        let (usual, other) = (scaled_by(1.0), scaled_by(1e4));
+        assert!((usual / other - 1.0).abs() < 1e-6, "{usual} {other}");
     }
 
     #[test]

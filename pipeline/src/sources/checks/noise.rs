@@ -6,6 +6,8 @@
 
 use numerics::regression::statistics::median;
 
+use super::quantisation::Resolution;
+
 /// The fourth difference centred at each row; NaN at the ends, at missing values and across gaps (`breaks`, before each row).
 pub fn fourth_differences(x: &[f64], breaks: &[bool]) -> Vec<f64> {
     let one = |i: usize| {
@@ -26,14 +28,15 @@ pub fn fourth_differences(x: &[f64], breaks: &[bool]) -> Vec<f64> {
 const LEAST: usize = 20;
 
 /// The standard deviation of the white noise of a column whose fourth differences these are, robust against spikes and short
-/// manoeuvres. `None` where there are too few, or where most are 0: a value that is held, or too coarse to show its noise.
-pub fn noise(fourth: &[f64]) -> Option<f64> {
+/// manoeuvres. `None` where there are too few, or where most are 0 but for rounding: a value that is held or interpolated, or too
+/// coarse to show its noise.
+pub fn noise(fourth: &[f64], resolution: &Resolution) -> Option<f64> {
     let mut sizes: Vec<f64> = fourth.iter().filter(|d| d.is_finite()).map(|d| d.abs()).collect();
     if sizes.len() < LEAST {
         return None;
     }
-    let sigma = 1.4826 * median(&mut sizes) / 70.0_f64.sqrt();
-    (sigma > 0.0).then_some(sigma)
+    let middle = median(&mut sizes);
+    (middle > resolution.rounding()).then(|| 1.4826 * middle / 70.0_f64.sqrt())
 }
 
 #[cfg(test)]
@@ -61,19 +64,37 @@ mod tests {
             })
             .collect();
         let no_gaps = vec![false; x.len()];
-        let found = noise(&fourth_differences(&x, &no_gaps)).unwrap();
+        let resolution = Resolution::of(&x, None);
+        let found = noise(&fourth_differences(&x, &no_gaps), &resolution).unwrap();
         // The median of 20,000 correlated values: 2 per cent.
         assert!((found / 0.2 - 1.0).abs() < 0.03, "{found}");
         (0..x.len()).step_by(100).for_each(|i| x[i] += 500.0);
-        let spiky = noise(&fourth_differences(&x, &no_gaps)).unwrap();
+        let spiky = noise(&fourth_differences(&x, &no_gaps), &resolution).unwrap();
         assert!((spiky / 0.2 - 1.0).abs() < 0.12, "{spiky}");
+    }
+
+    #[test]
+    fn law_what_is_held_or_interpolated_has_none() {
+        let hundredths = |x: f64| (2000.0 * x.sin()).round() / 100.0;
+        let held: Vec<f64> = (0..36_000).map(|i| hundredths(f64::from(i) / 70_000.0)).collect();
+        let between = |i: i32| {
+            let (from, part) = (f64::from(i / 10), f64::from(i % 10) / 10.0);
+            let [before, after] = [from, from + 1.0].map(|second| hundredths(second / 700.0));
+            before + part * (after - before)
+        };
+        let interpolated: Vec<f64> = (0..36_000).map(between).collect();
+        for x in [held, interpolated] {
+            let fourth = fourth_differences(&x, &vec![false; x.len()]);
+            assert!(fourth.iter().any(|d| d.abs() > 1e-3));
+            assert_eq!(noise(&fourth, &Resolution::of(&x, None)), None);
+        }
     }
 
     #[test]
     fn law_a_cubic_has_none_and_gaps_are_not_crossed() {
         let x: Vec<f64> = (0..40).map(|i| f64::from(i * i * i)).collect();
         let mut breaks = vec![false; 40];
-        assert_eq!(noise(&fourth_differences(&x, &breaks)), None);
+        assert_eq!(noise(&fourth_differences(&x, &breaks), &Resolution::of(&x, None)), None);
         let mut jumped = x;
         jumped.iter_mut().skip(20).for_each(|v| *v += 1e6);
         breaks[20] = true;

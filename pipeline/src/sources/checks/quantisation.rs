@@ -35,6 +35,35 @@ pub fn step(values: &[f64]) -> Option<f64> {
     (like.len() >= 3 && on as f64 >= 0.98 * steps.len() as f64).then_some(step)
 }
 
+/// What the values of a column can tell apart.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Resolution {
+    /// The quantisation step; 0 where the values lie on no grid.
+    step: f64,
+    /// The fourth difference that rounding to double precision makes of values of this size, at most.
+    rounding: f64,
+}
+
+impl Resolution {
+    /// Of values on a grid of `step`, or on none.
+    pub fn of(values: &[f64], step: Option<f64>) -> Self {
+        let size = values.iter().filter(|x| x.is_finite()).fold(0.0_f64, |a, x| a.max(x.abs()));
+        // The coefficients of the difference, regardless of sign, add up to 16.
+        Self { step: step.unwrap_or(0.0), rounding: 16.0 * f64::EPSILON * size }
+    }
+
+    /// The fourth difference below which there is nothing but rounding.
+    pub fn rounding(&self) -> f64 {
+        self.rounding
+    }
+
+    /// The standard deviation of the fourth difference that the step alone makes: errors even within a step have the variance
+    /// step²/12, and the difference has 70 times theirs.
+    pub fn fourth_difference_sigma(&self) -> f64 {
+        self.step * (70.0_f64 / 12.0).sqrt()
+    }
+}
+
 #[cfg(test)]
 mod tests {
     #![allow(clippy::unwrap_used)]

@@ -1,6 +1,6 @@
 //! Where in a line the figures of a column come from.
 
-use super::{Figure, dropouts, noise, sampling, saturation, spikes, stuck};
+use super::{Figure, dropouts, noise, quantisation, sampling, saturation, spikes, stuck};
 
 /// The times, first and last, of the parts of a column that a figure is about, s; empty for a figure of the whole column. Taken as
 /// missing are infinities, readings of 0 and impossible values too.
@@ -11,8 +11,9 @@ pub fn stretches(figure: Figure, values: &[f64], tt: &[f64]) -> Vec<(f64, f64)> 
         Figure::Saturation => saturation::stretches(values),
         Figure::Spikes => {
             let fourth = noise::fourth_differences(values, &sampling::breaks(tt));
-            let known = noise::noise(&fourth).is_some();
-            spikes::peaks(&fourth).into_iter().filter(|_| known).map(|(row, _)| row..row + 1).collect()
+            let resolution = quantisation::Resolution::of(values, quantisation::step(values));
+            let known = noise::noise(&fourth, &resolution).is_some();
+            spikes::peaks(&fourth, &resolution).into_iter().filter(|_| known).map(|(row, _)| row..row + 1).collect()
         }
         Figure::Rate
         | Figure::Jitter

@@ -107,6 +107,11 @@ impl Shape {
         self.layers().iter().map(|layer| layer.units * (layer.inputs + 1)).sum()
     }
 
+    /// Where the bias of the last output stands.
+    pub(super) fn last_bias(&self) -> usize {
+        self.linear_start() - 1
+    }
+
     /// The number of parameters.
     pub fn parameters(&self) -> usize {
         self.linear_start() + if self.form.holds_linear() { self.linear } else { 0 }

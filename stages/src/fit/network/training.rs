@@ -4,7 +4,9 @@ use std::{ops::ControlFlow, time::Instant};
 
 use learning::{
     inputs::{Inputs, InputsError},
-    network::{Epoch, Form, Runs, Shape, State, Trained, Training, TrainingError, Windowed, train, train_windowed},
+    network::{
+        Epoch, Form, Runs, Shape, State, TermScaling, Trained, Training, TrainingError, Windowed, train, train_windowed,
+    },
 };
 use numerics::{random::seed_of, regression::statistics};
 use schemas::Fault;
@@ -63,7 +65,7 @@ impl Scaled {
 struct Beginning {
     /// The parameters of each member.
     members: Vec<Vec<f64>>,
-    /// The coefficients of the linear model, in the scale of the target.
+    /// The coefficients of the linear model, of scaled terms and in the scale of the target.
     linear: Vec<f64>,
 }
 
@@ -94,6 +96,22 @@ impl Core {
         match self {
             Core::Dense(shape) => shape.predict(parameters, &rows.x, &rows.a),
             Core::Windowed(windowed) => windowed.predict(parameters, &rows.x, &rows.a, &rows.runs),
+        }
+    }
+
+    /// The parameters of a network of scaled terms. Over a window there are none.
+    fn scaled(&self, terms: &TermScaling, parameters: &[f64]) -> Vec<f64> {
+        match self {
+            Core::Dense(shape) => terms.scaled(shape, parameters),
+            Core::Windowed(_) => parameters.to_vec(),
+        }
+    }
+
+    /// Those of a network of the terms as they are.
+    fn original(&self, terms: &TermScaling, parameters: &[f64]) -> Vec<f64> {
+        match self {
+            Core::Dense(shape) => terms.original(shape, parameters),
+            Core::Windowed(_) => parameters.to_vec(),
         }
     }
 
@@ -148,10 +166,15 @@ pub fn learn(
         None => (vec![], vec![]),
     };
     let mut target = target(samples, &train_on, &linear_at, &coefficients, beside.form)?;
+    if let Some(warm) = &warm {
+        target.1 = warm.scale_nt();
+    }
+    let in_scale: Vec<f64> = coefficients.iter().map(|b| b / target.1).collect();
+    let terms = term_scaling(samples, &train_on, &linear_at, &in_scale, beside.form, settings.whiten)?;
     let scaled = |lines: &[usize], (mean, scale): (f64, f64)| Scaled {
         x: scaling.apply(&samples.columns(&at, lines)),
-        a: samples.columns(&linear_at, lines),
-        y: samples.target(lines).iter().map(|y| (y - mean) / scale).collect(),
+        a: terms.apply(samples.columns(&linear_at, lines)),
+        y: samples.target(lines).iter().map(|y| (y - mean) / scale - terms.offset()).collect(),
         runs: samples.runs(lines),
     };
     let inputs = beside.window.as_ref().map_or_else(|| scaling.width(), |window| window.units);
@@ -170,12 +193,12 @@ pub fn learn(
             Core::Windowed(Windowed { memory, inputs: scaling.width(), window, units, head: shape })
         }
     };
-    let in_scale = |scale: f64| coefficients.iter().map(|b| b / scale).collect::<Vec<f64>>();
+    let tolles_lawson = terms.coefficients(&in_scale);
     let (members, rows) = match &warm {
         Some(warm) => {
             warm.check(keys, &core, samples)?;
-            target.1 = warm.scale_nt();
-            let members = warm.members(beside.form, &in_scale(target.1));
+            let members = warm.members(beside.form, &in_scale);
+            let members: Vec<Vec<f64>> = members.iter().map(|m| core.scaled(&terms, m)).collect();
             let mut rows = scaled(&train_on, (0.0, target.1));
             // The constant of another aircraft is not that of this one.
             let left = members.iter().flat_map(|m| {
@@ -191,18 +214,17 @@ pub fn learn(
             (members, rows)
         }
         None => {
-            let linear = in_scale(target.1);
-            let members = (0..keys.members).map(|member| core.initial(member_seed(keys, member), &linear));
+            let members = (0..keys.members).map(|member| core.initial(member_seed(keys, member), &tolles_lawson));
             (members.collect(), scaled(&train_on, target))
         }
     };
     let far = warm.as_ref().map(|warm| warm.far(samples, &at, &train_on)).unwrap_or_default();
     let validation = scaled(&validate_on, target);
-    let beginning = Beginning { members, linear: in_scale(target.1) };
+    let beginning = Beginning { members, linear: tolles_lawson };
     let training_rows = (&rows, &validation);
     let trained = train_members(keys, beside.physics, &core, &beginning, training_rows, target.1, work)?;
     let names = |at: &[usize]| at.iter().map(|&i| samples.names[i].clone()).collect::<Vec<_>>();
-    let parameters = trained.iter().map(|t| t.parameters.clone()).collect();
+    let parameters = trained.iter().map(|t| core.original(&terms, &t.parameters)).collect();
     let model = match core {
         Core::Dense(shape) => {
             let linear = names(&linear_at);
@@ -256,6 +278,23 @@ pub fn scaling(
         None => scaling,
     };
     Ok((scaling, constant))
+}
+
+/// How the linear terms are scaled for the training.
+fn term_scaling(
+    samples: &Samples,
+    lines: &[usize],
+    at: &[usize],
+    tolles_lawson: &[f64],
+    form: Form,
+    whiten: Option<f64>,
+) -> Result<TermScaling, Fault> {
+    let found = TermScaling::of(form, &samples.columns(at, lines), at.len(), whiten, tolles_lawson);
+    found.map_err(|e| {
+        let whitening = matches!(e, InputsError::Keep { .. });
+        let fault = Fault::data(e.to_string());
+        if whitening { fault.of_param("whiten") } else { fault }
+    })
 }
 
 /// Mean and scale of what the network is to explain.

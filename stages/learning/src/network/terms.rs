@@ -1,0 +1,347 @@
+//! Linear terms in the scale that they are trained in.
+
+use numerics::regression::least_squares::{Moments, Scaling};
+use rayon::prelude::*;
+
+use super::shape::{Form, Shape};
+use crate::inputs::{InputsError, LEAST_COMPONENT, LEAST_DEVIATION};
+
+/// Rows that a thread takes together.
+const CHUNK: usize = 4096;
+
+/// The scaling of linear terms for training, and that of the parameters which belong to them.
+///
+/// A step of Adam moves every coefficient by about the learning rate, so that terms have to be of one size, and to say
+/// different things. The terms a become u = (a − mean) M, each of variance 1, with `whiten` uncorrelated; the
+/// coefficients b = M c that are trained along ([`Form::TrainedLinear`]) become c, and the output's bias takes up
+/// mean·b. Where the network weighs the terms ([`Form::Weights`], [`Form::WeightsAroundFixed`]) there is no bias to
+/// take it up: the mean stays, terms have a mean square of 1, and the weights of the output layer become those of u.
+/// M has an inverse: every prediction of the scaled network is one of the original, to rounding. The other forms train
+/// nothing that is multiplied by terms, which stay as they are.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TermScaling {
+    /// What Tolles-Lawson has at the mean of the terms.
+    offset: f64,
+    maps: Option<Maps>,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+struct Maps {
+    mean: Vec<f64>,
+    /// M, row-major: a row for each term.
+    to: Vec<f64>,
+    /// Its inverse.
+    back: Vec<f64>,
+}
+
+impl TermScaling {
+    /// Of rows of `width` terms, row-major, and the coefficients of Tolles-Lawson. `whiten` is as in
+    /// [`Inputs::whitened`](crate::inputs::Inputs::whitened): the components that it does not keep are divided by the deviation of the last
+    /// that it keeps, since they cannot be left out.
+    ///
+    /// # Errors
+    /// Fails for values that are no rows, without rows, for a `whiten` out of range, and without convergence.
+    pub fn of(
+        form: Form,
+        a: &[f64],
+        width: usize,
+        whiten: Option<f64>,
+        tolles_lawson: &[f64],
+    ) -> Result<Self, InputsError> {
+        let centred = match form {
+            Form::Plain | Form::FixedLinear => return Ok(Self { offset: 0.0, maps: None }),
+            Form::TrainedLinear => true,
+            Form::Weights | Form::WeightsAroundFixed => false,
+        };
+        if width == 0 || !a.len().is_multiple_of(width) || a.is_empty() {
+            return Err(InputsError::Shape { given: a.len(), width });
+        }
+        let moments = Moments::of(a, width, &[])?;
+        let sizes = || -> Vec<f64> {
+            let both = moments.term_means().into_iter().zip(moments.term_deviations());
+            both.map(|(mean, deviation)| {
+                if !centred {
+                    mean.hypot(deviation)
+                } else if deviation > LEAST_DEVIATION * mean.abs() {
+                    deviation
+                } else {
+                    // There is nothing but the rounding of a constant.
+                    0.0
+                }
+            })
+            .collect()
+        };
+        let mean = if centred { moments.term_means() } else { vec![0.0; width] };
+        // A term that is the same in every row changes nothing, whatever it is divided by.
+        let usable = |size: f64| if size > 0.0 && size.is_finite() { size } else { 1.0 };
+        let maps = match whiten {
+            None => Maps::diagonal(mean, &sizes().into_iter().map(usable).collect::<Vec<f64>>()),
+            Some(keep) => {
+                let scaling = if centred { Scaling::Standardise } else { Scaling::MaxAbs };
+                let prepared = moments.prepare(scaling, centred)?;
+                let singular = prepared.singular()?;
+                let rows = (moments.rows() as f64 - f64::from(u8::from(centred))).max(1.0);
+                let deviations: Vec<f64> = singular.values.iter().map(|s| s / rows.sqrt()).collect();
+                let largest = deviations.first().copied().unwrap_or(0.0);
+                let least = usable(last_kept(&deviations, keep)?.max(LEAST_COMPONENT * largest));
+                let deviations: Vec<f64> = deviations.into_iter().map(|d| d.max(least)).collect();
+                Maps::whitening(mean, prepared.scales(), &singular.right, &deviations)
+            }
+        };
+        Ok(Self { offset: dot(&maps.mean, tolles_lawson), maps: Some(maps) })
+    }
+
+    /// What is taken off the target, in its scale: Tolles-Lawson at the mean of the terms, so that the scaled terms with
+    /// the scaled coefficients are Tolles-Lawson of the rows.
+    pub fn offset(&self) -> f64 {
+        self.offset
+    }
+
+    /// The scaled terms of rows, row-major; values after the last whole row are left out.
+    pub fn apply(&self, a: Vec<f64>) -> Vec<f64> {
+        let Some(Maps { mean, to, .. }) = &self.maps else { return a };
+        let width = mean.len();
+        let mut out = a;
+        out.truncate(out.len() / width * width);
+        out.par_chunks_mut(CHUNK * width).for_each(|rows| {
+            let mut scaled = vec![0.0; width];
+            for row in rows.chunks_exact_mut(width) {
+                scaled.fill(0.0);
+                for ((x, mean), weights) in row.iter().zip(mean).zip(to.chunks_exact(width)) {
+                    scaled.iter_mut().zip(weights).for_each(|(sum, weight)| *sum += (x - mean) * weight);
+                }
+                row.copy_from_slice(&scaled);
+            }
+        });
+        out
+    }
+
+    /// Coefficients of the scaled terms, of those of the terms.
+    pub fn coefficients(&self, b: &[f64]) -> Vec<f64> {
+        self.maps.as_ref().map_or_else(|| b.to_vec(), |maps| product(&maps.back, b))
+    }
+
+    /// The parameters of the network of scaled terms, of those of a network of the terms.
+    pub fn scaled(&self, shape: &Shape, parameters: &[f64]) -> Vec<f64> {
+        let Some(maps) = &self.maps else { return parameters.to_vec() };
+        let mut out = parameters.to_vec();
+        if let Some(bias) = out.get_mut(shape.last_bias()).filter(|_| shape.form == Form::TrainedLinear) {
+            *bias += dot(&maps.mean, parameters.get(shape.linear_start()..).unwrap_or_default()) - self.offset;
+        }
+        multiply(&maps.back, shape, &mut out);
+        out
+    }
+
+    /// The parameters of the network of the terms, of those of the network of scaled terms.
+    pub fn original(&self, shape: &Shape, parameters: &[f64]) -> Vec<f64> {
+        let Some(maps) = &self.maps else { return parameters.to_vec() };
+        let mut out = parameters.to_vec();
+        multiply(&maps.to, shape, &mut out);
+        let at_mean = dot(&maps.mean, out.get(shape.linear_start()..).unwrap_or_default());
+        if let Some(bias) = out.get_mut(shape.last_bias()).filter(|_| shape.form == Form::TrainedLinear) {
+            *bias += self.offset - at_mean;
+        }
+        out
+    }
+}
+
+impl Maps {
+    fn diagonal(mean: Vec<f64>, sizes: &[f64]) -> Self {
+        let width = sizes.len();
+        let of = |entry: fn(f64) -> f64| {
+            let mut all = vec![0.0; width * width];
+            all.iter_mut().step_by(width + 1).zip(sizes).for_each(|(x, size)| *x = entry(*size));
+            all
+        };
+        Self { mean, to: of(|size| 1.0 / size), back: of(|size| size) }
+    }
+
+    /// Directions of scaled columns, each over its deviation.
+    fn whitening(mean: Vec<f64>, scales: &[f64], directions: &[Vec<f64>], deviations: &[f64]) -> Self {
+        let width = scales.len();
+        let (mut to, mut back) = (vec![0.0; width * width], vec![0.0; width * width]);
+        for (k, (direction, deviation)) in directions.iter().zip(deviations).enumerate() {
+            // The decomposition leaves the sign open: the largest entry is positive.
+            let largest = direction.iter().fold(0.0_f64, |most, d| if d.abs() > most.abs() { *d } else { most });
+            let deviation = deviation * largest.signum();
+            for (j, (d, scale)) in direction.iter().zip(scales).enumerate() {
+                to[j * width + k] = d / scale / deviation;
+                back[k * width + j] = d * scale * deviation;
+            }
+        }
+        Self { mean, to, back }
+    }
+}
+
+/// The deviation of the last component that is kept, of all in falling order.
+fn last_kept(deviations: &[f64], keep: f64) -> Result<f64, InputsError> {
+    let width = deviations.len();
+    let count = if keep >= 1.0 && keep.fract() == 0.0 && keep.is_finite() {
+        // A number of components of the inputs: there may be fewer terms.
+        (keep as usize).min(width)
+    } else if keep > 0.0 && keep < 1.0 {
+        let total: f64 = deviations.iter().map(|d| d * d).sum();
+        let mut held = 0.0;
+        let below = deviations.iter().take_while(|d| {
+            held += *d * *d;
+            held < keep * total
+        });
+        (below.count() + 1).min(width)
+    } else {
+        return Err(InputsError::Keep { given: keep, width });
+    };
+    Ok(count.checked_sub(1).and_then(|last| deviations.get(last)).copied().unwrap_or(0.0))
+}
+
+fn dot(one: &[f64], other: &[f64]) -> f64 {
+    one.iter().zip(other).map(|(a, b)| a * b).sum()
+}
+
+fn product(matrix: &[f64], x: &[f64]) -> Vec<f64> {
+    matrix.chunks_exact(x.len().max(1)).map(|row| dot(row, x)).collect()
+}
+
+/// Multiplies what belongs to terms: their coefficients, and for networks that weigh them the output layer, unit by unit
+/// a term.
+fn multiply(matrix: &[f64], shape: &Shape, parameters: &mut [f64]) {
+    let terms = shape.linear;
+    let mut one = |first: usize, step: usize| {
+        let places = || (0..terms).map(|term| first + term * step);
+        let values: Vec<f64> = places().filter_map(|place| parameters.get(place).copied()).collect();
+        if values.len() == terms {
+            places().zip(product(matrix, &values)).for_each(|(place, value)| parameters[place] = value);
+        }
+    };
+    if shape.form.holds_linear() {
+        one(shape.linear_start(), 1);
+    }
+    if shape.form.weighs()
+        && let Some(layer) = shape.layers().last()
+    {
+        (0..layer.inputs).for_each(|input| one(layer.start + input, layer.inputs));
+        one(layer.start + layer.inputs * layer.units, 1);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::ops::ControlFlow;
+
+    use super::super::{Activation, Samples, State, Training, train};
+    use super::*;
+    use crate::network::tests::near;
+
+    const FORMS: [Form; 5] =
+        [Form::Plain, Form::Weights, Form::FixedLinear, Form::TrainedLinear, Form::WeightsAroundFixed];
+    const WIDTH: usize = 4;
+
+    /// Terms of unequal size and mean, of which two say nearly the same, and the last is constant.
+    fn terms(rows: usize) -> Vec<f64> {
+        let row = |i: usize| {
+            let t = i as f64;
+            let (one, other) = ((0.37 * t).sin(), (1.7 * t).cos());
+            [0.9 + 0.05 * one, 3000.0 * (one + 1e-3 * (2.9 * t).sin()), 50.0 + other, 1.0]
+        };
+        (0..rows).flat_map(row).collect()
+    }
+
+    fn inputs(rows: usize) -> Vec<f64> {
+        (0..2 * rows).map(|i| (0.61 * i as f64).sin()).collect()
+    }
+
+    fn shape(form: Form) -> Shape {
+        Shape { inputs: 2, linear: WIDTH, hidden: vec![3], activation: Activation::Tanh, form }
+    }
+
+    #[test]
+    fn law_scaled_terms_have_mean_0_variance_1_and_whitened_no_covariance() {
+        let a = terms(5000);
+        for (form, whiten) in [(Form::TrainedLinear, None), (Form::TrainedLinear, Some(0.999_999_999))] {
+            let u = TermScaling::of(form, &a, WIDTH, whiten, &[0.0; WIDTH]).unwrap().apply(a.clone());
+            let column = |k: usize| u.iter().skip(k).step_by(WIDTH);
+            let covariance = |j, k| column(j).zip(column(k)).map(|(a, b)| a * b).sum::<f64>() / 4999.0;
+            for k in 0..3 {
+                assert!(column(k).sum::<f64>().abs() < 1e-6, "{whiten:?} {k}");
+                assert!((covariance(k, k) - 1.0).abs() < 1e-8, "{whiten:?} {k}: {}", covariance(k, k));
+            }
+            assert!(column(3).all(|x| x.abs() < 1e-9), "{whiten:?}");
+            assert_eq!(covariance(0, 1).abs() < 1e-6, whiten.is_some(), "{}", covariance(0, 1));
+        }
+        let u = TermScaling::of(Form::Weights, &a, WIDTH, Some(3.0), &[0.0; WIDTH]).unwrap().apply(a);
+        for k in 0..3 {
+            let square = u.iter().skip(k).step_by(WIDTH).map(|x| x * x).sum::<f64>() / 5000.0;
+            assert!((square - 1.0).abs() < 1e-8, "{k}: {square}");
+        }
+    }
+
+    #[test]
+    fn law_both_networks_predict_the_same_and_parameters_come_back() {
+        let (a, x) = (terms(400), inputs(400));
+        let b = [30.0, -0.002, 0.7, 5.0];
+        for form in FORMS {
+            for whiten in [None, Some(0.999_999), Some(2.0), Some(60.0)] {
+                let shape = shape(form);
+                let scaling = TermScaling::of(form, &a, WIDTH, whiten, &b).unwrap();
+                let parameters: Vec<f64> = shape.initial(5, &[20.0, 0.001, -0.3, 2.0]);
+                let scaled = scaling.scaled(&shape, &parameters);
+                let u = scaling.apply(a.clone());
+                let own = shape.predict(&scaled, &x, &u);
+                let moved: Vec<f64> = own.iter().map(|y| y + scaling.offset()).collect();
+                let name = format!("{form:?} {whiten:?}");
+                near(&moved, &shape.predict(&parameters, &x, &a), 1e-9, &name);
+                near(&scaling.original(&shape, &scaled), &parameters, 1e-9, &name);
+                let changed = matches!(form, Form::TrainedLinear | Form::Weights | Form::WeightsAroundFixed);
+                assert_eq!(scaled != parameters, changed, "{name}");
+                // Tolles-Lawson, to which the physics term holds on.
+                if changed {
+                    let of = |a: &[f64], b: &[f64]| a.chunks_exact(WIDTH).map(|a| dot(a, b)).collect::<Vec<f64>>();
+                    let scaled: Vec<f64> =
+                        of(&u, &scaling.coefficients(&b)).iter().map(|y| y + scaling.offset()).collect();
+                    near(&scaled, &of(&a, &b), 1e-9, &name);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn law_m2c_finds_coefficients_of_terms_of_any_size_by_adam_alone() {
+        let (a, x) = (terms(4000), inputs(4000));
+        let truth = [0.4, 0.8, -0.6, 0.0];
+        let scaling = TermScaling::of(Form::TrainedLinear, &a, WIDTH, Some(0.999_999_999), &[0.0; WIDTH]).unwrap();
+        let u = scaling.apply(a.clone());
+        let y: Vec<f64> = u.chunks_exact(WIDTH).map(|u| dot(u, &truth)).collect();
+        let shape = shape(Form::TrainedLinear);
+        let training = Training { epochs: 100, batch: 100, learning_rate: 0.01, ..Training::default() };
+        let left = |a: &[f64]| {
+            let samples = Samples { x: &x, a, y: &y };
+            let start = State::new(&shape, shape.initial(1, &[0.0; WIDTH]));
+            let trained = train(&shape, start, &training, &samples, None, &mut |_, _| ControlFlow::Continue(()));
+            trained.unwrap().epochs.last().unwrap().train_loss
+        };
+        let (scaled, unscaled) = (left(&u), left(&a));
+        assert!(scaled < 1e-3 && unscaled > 0.1, "{scaled} {unscaled}");
+    }
+
+    #[test]
+    fn unit_what_cannot_be_scaled_is_refused_and_threads_do_not_matter() {
+        let a = terms(20_000);
+        let of = |a: &[f64], keep: f64| TermScaling::of(Form::TrainedLinear, a, WIDTH, Some(keep), &[0.0; WIDTH]);
+        for keep in [0.0, -1.0, 2.5, f64::NAN, f64::INFINITY] {
+            assert!(matches!(of(&a, keep), Err(InputsError::Keep { .. })), "{keep}");
+        }
+        assert!(matches!(of(&a[..5], 0.9), Err(InputsError::Shape { .. })));
+        assert!(matches!(of(&[], 0.9), Err(InputsError::Shape { .. })));
+        // A single row has no deviation: it is left as it is, less its mean.
+        let one = of(&a[..WIDTH], 0.9).unwrap();
+        assert_eq!(one.apply(a[..WIDTH].to_vec()), [0.0; WIDTH]);
+        let on = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| {
+                let scaling = of(&a, 0.999).unwrap();
+                let u = scaling.apply(a.clone());
+                (scaling, u)
+            })
+        };
+        assert_eq!(on(1), on(3));
+    }
+}
