@@ -22,7 +22,7 @@
 //! moment nor a loss of power leaves anything half-written to be read. Nothing but `tables/<pipeline>` is ever replaced
 //! by something else under the same name, so that a reader keeps the version it opened.
 //!
-//! A store in an object store is the same below an address; its folder is then a copy: see [`remote`].
+//! A store in an object store is the same below an address; its folder is then a copy: see `store/remote`.
 
 pub mod attempts;
 mod catalogue;
