@@ -17,6 +17,8 @@ pub mod plan;
 pub mod predicate;
 pub mod release;
 pub mod run;
+#[cfg(feature = "serve")]
+pub mod serve;
 pub mod sources;
 pub mod spec;
 pub mod store;
