@@ -26,10 +26,12 @@ class Server:
 
     def __init__(self, magline, store, *more):
         self.process = subprocess.Popen([magline, "serve", "--store", store, "--bind", "127.0.0.1:0", *more],
-                                        stderr=subprocess.PIPE, text=True)
+                                        stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
         self.line = self.process.stderr.readline()
         found = re.search(r"(grpc(\+tls)?://\S+),", self.line)
-        assert found, f"no address in {self.line!r}"
+        if not found:
+            self.process.kill()
+            sys.exit(f"no address in {self.line!r}")
         self.uri = found.group(1)
 
     def __enter__(self):
@@ -84,6 +86,7 @@ def main():
     wrong = 0
     with tempfile.TemporaryDirectory() as folder:
         token, file = secrets.token_hex(32), Path(folder) / "token"
+        file.touch(0o600)
         file.write_text(token + "\n")
         with Server(options.magline, options.store, "--token-file", str(file), "--timeout", "60") as server:
             bearer = {DatabaseOptions.AUTHORIZATION_HEADER.value: f"Bearer {token}"}

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use arrow_array::RecordBatch;
+use arrow_array::{ArrayRef, RecordBatch};
 use arrow_schema::{DataType, Field, Schema};
 use datafusion::{
     common::{ParamValues, ScalarValue},
@@ -91,7 +91,7 @@ pub fn values(plan: &LogicalPlan, values: &RecordBatch) -> Result<ParamValues, F
     if values.num_rows() != 1 {
         return Err(wrong(format!("there are {} rows of parameters; a query takes one", values.num_rows())));
     }
-    let value = |column| ScalarValue::try_from_array(column, 0);
+    let value = |column: &ArrayRef| ScalarValue::try_from_array(column, 0);
     let scalars = values.columns().iter().map(value).collect::<Result<Vec<ScalarValue>, _>>();
     let scalars = scalars.map_err(|e| wrong(format!("the parameters cannot be used: {e}")))?;
     let numbers: Vec<usize> = names.iter().filter_map(|n| number(n)).collect();
