@@ -1,6 +1,6 @@
 //! Who may ask: whoever knows the token, as `Bearer TOKEN`, or as the password of any user.
 
-use base64::{Engine, prelude::BASE64_STANDARD};
+use base64::{Engine, prelude::BASE64_STANDARD_NO_PAD};
 use schemas::Fault;
 use tonic::{Request, Status, metadata::MetadataMap, service::Interceptor};
 
@@ -51,7 +51,9 @@ impl Token {
         if scheme.eq_ignore_ascii_case("bearer") {
             return self.is(rest.trim().as_bytes());
         }
-        let known = scheme.eq_ignore_ascii_case("basic").then(|| BASE64_STANDARD.decode(rest.trim()).ok()).flatten();
+        // Some clients pad, some do not.
+        let pair = || BASE64_STANDARD_NO_PAD.decode(rest.trim().trim_end_matches('=')).ok();
+        let known = scheme.eq_ignore_ascii_case("basic").then(pair).flatten();
         known.is_some_and(|pair| pair.splitn(2, |b| *b == b':').nth(1).is_some_and(|password| self.is(password)))
     }
 }
@@ -80,6 +82,8 @@ impl Interceptor for Check {
 mod tests {
     #![allow(clippy::unwrap_used)]
 
+    use base64::prelude::BASE64_STANDARD;
+
     use super::*;
 
     fn with(header: &str) -> MetadataMap {
@@ -92,7 +96,9 @@ mod tests {
     fn unit_only_the_token_is_admitted() {
         let token = Token::read(" 0123456789abcdef\n").unwrap();
         let basic = |pair: &str| format!("Basic {}", BASE64_STANDARD.encode(pair));
-        for right in [token.bearer(), "bearer 0123456789abcdef".to_owned(), basic("anyone:0123456789abcdef")] {
+        let unpadded = basic("me:0123456789abcdef").trim_end_matches('=').to_owned();
+        for right in [token.bearer(), "bearer 0123456789abcdef".to_owned(), basic("anyone:0123456789abcdef"), unpadded]
+        {
             assert!(token.admits(&with(&right)), "{right}");
         }
         let wrong =
