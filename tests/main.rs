@@ -37,6 +37,8 @@ mod reuse;
 mod rivals;
 mod schedule;
 mod search;
+#[cfg(feature = "serve")]
+mod serve;
 mod store;
 mod support;
 mod tasks;

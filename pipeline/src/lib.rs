@@ -18,6 +18,8 @@ pub mod predicate;
 pub mod release;
 mod remote;
 pub mod run;
+#[cfg(feature = "serve")]
+pub mod serve;
 pub mod sources;
 pub mod spec;
 pub mod store;

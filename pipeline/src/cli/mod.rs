@@ -14,6 +14,7 @@ mod publish;
 mod report;
 mod say;
 mod schedule;
+mod serve;
 mod sql;
 mod task;
 mod temporary;
@@ -77,6 +78,8 @@ enum Command {
     },
     /// Query the tables of a store, named PIPELINE.TABLE, in SQL.
     Sql(sql::SqlArgs),
+    /// Serve the tables of a store over Arrow Flight SQL, read-only; a build with the feature `serve` has it.
+    Serve(serve::ServeArgs),
     /// List the tables of a store.
     Ls {
         /// Only those of this pipeline.
@@ -345,6 +348,7 @@ pub fn main(catalogue: &[Entry]) -> ExitCode {
             with_graph(catalogue, &spec, |graph, store| Ok(views::why(graph, store, &table)?))
         }
         Command::Sql(args) => sql::run(&args),
+        Command::Serve(args) => serve::run(&args),
         Command::Ls { pipeline, store } => tend::ls(&store, pipeline.as_deref()),
         Command::Rm { name, store } => tend::rm(&store, &name),
         Command::Runs { pipeline, from, to, store } => tend::runs(&store, pipeline.as_deref(), from.zip(to)),

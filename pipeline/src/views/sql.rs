@@ -9,6 +9,7 @@ mod functions;
 pub mod memory;
 mod refuse;
 mod scan;
+mod session;
 mod tables;
 
 use std::{
@@ -19,23 +20,14 @@ use std::{
 
 use arrow_array::RecordBatch;
 use arrow_schema::SchemaRef;
-use datafusion::{
-    dataframe::DataFrame,
-    error::DataFusionError,
-    execution::{
-        disk_manager::{DiskManagerBuilder, DiskManagerMode},
-        memory_pool::{FairSpillPool, MemoryConsumer, MemoryPool},
-        runtime_env::RuntimeEnvBuilder,
-    },
-    prelude::{SQLOptions, SessionConfig, SessionContext},
-};
+use datafusion::error::DataFusionError;
 use schemas::Fault;
 
 use crate::deep;
-use tables::Known;
+pub use session::Session;
 
 /// Operators are evaluated on these threads, by recursion over expressions that may be nested deep.
-const WORKER_STACK: usize = 64 << 20;
+pub const WORKER_STACK: usize = 64 << 20;
 
 /// A question to a store.
 pub struct Question<'a> {
@@ -82,22 +74,12 @@ pub fn sql(question: &Question, sink: &mut dyn Sink) -> Result<(), Fault> {
 }
 
 async fn ask(question: &Question<'_>, sink: &mut dyn Sink) -> Result<(), Fault> {
-    let pool: Arc<dyn MemoryPool> = Arc::new(FairSpillPool::new(question.memory));
-    let disk = DiskManagerBuilder::default().with_mode(DiskManagerMode::Directories(vec![question.spill.clone()]));
-    let runtime = RuntimeEnvBuilder::new()
-        .with_memory_pool(pool.clone())
-        .with_disk_manager_builder(disk)
-        .with_object_store_registry(Arc::new(tables::Nowhere))
-        .build_arc()
-        .map_err(|e| Fault::machine(e.to_string()))?;
-    let context = SessionContext::new_with_config_rt(SessionConfig::new().with_information_schema(true), runtime);
-    functions::register(&context);
-    let known = tables::register(&context, question.store)?;
-    let wrong = |e: DataFusionError| explain::fault(&e, &known, question, &context);
-    let frame = plan(&context, question.query, &known, question).await?;
-    let schema: SchemaRef = Arc::new(frame.schema().as_arrow().clone());
-    let mut stream = frame.execute_stream().await.map_err(wrong)?;
-    let kept = MemoryConsumer::new("answer").register(&pool);
+    let session = Session::new(question.store, question.memory, &question.spill)?;
+    let plan = session.plan(question.query).await?;
+    let wrong = |e: DataFusionError| session.fault(&e, question.query);
+    let schema: SchemaRef = Arc::new(plan.schema().as_arrow().clone());
+    let mut stream = session.run(plan).await.map_err(wrong)?;
+    let kept = session.reserve("answer");
     let mut last = None;
     while let Some(batch) = poll_fn(|cx| stream.as_mut().poll_next(cx)).await {
         let batch = batch.map_err(wrong)?;
@@ -108,22 +90,4 @@ async fn ask(question: &Question<'_>, sink: &mut dyn Sink) -> Result<(), Fault> 
         }
     }
     sink.finish(&last.unwrap_or(schema))
-}
-
-/// The plan of a query that only asks.
-async fn plan(
-    context: &SessionContext,
-    query: &str,
-    known: &Known,
-    question: &Question<'_>,
-) -> Result<DataFrame, Fault> {
-    let wrong = |e: DataFusionError| explain::fault(&e, known, question, context);
-    let state = context.state();
-    let statement = state.sql_to_statement(query, &state.config().options().sql_parser.dialect).map_err(wrong)?;
-    refuse::statement(&statement)?;
-    let plan = state.statement_to_plan(statement).await.map_err(wrong)?;
-    refuse::plan(&plan)?;
-    let nothing = SQLOptions::new().with_allow_ddl(false).with_allow_dml(false).with_allow_statements(false);
-    nothing.verify_plan(&plan).map_err(wrong)?;
-    context.execute_logical_plan(plan).await.map_err(wrong)
 }

@@ -3,19 +3,18 @@
 use datafusion::{
     common::{SchemaError, TableReference},
     error::DataFusionError,
-    prelude::SessionContext,
     sql::sqlparser::parser::ParserError,
 };
 use schemas::Fault;
 
-use super::{Question, memory, scan::Unreadable, tables::Known};
+use super::{memory, scan::Unreadable, session::Session, tables::Known};
 use crate::deep;
 
 /// What to say of `e`.
-pub fn fault(e: &DataFusionError, known: &Known, question: &Question, context: &SessionContext) -> Fault {
+pub fn fault(e: &DataFusionError, session: &Session, query: &str) -> Fault {
     match e.find_root() {
         DataFusionError::ResourcesExhausted(_) => {
-            let limit = memory::shown(question.memory);
+            let limit = memory::shown(session.memory());
             Fault::machine(format!("the query needs more memory than the {limit} it may take"))
                 .help("`--memory-limit` gives it more; a narrower WHERE, a LIMIT or fewer columns make it smaller")
         }
@@ -37,19 +36,19 @@ pub fn fault(e: &DataFusionError, known: &Known, question: &Question, context: &
             let text = root.strip_backtrace();
             let text = text.lines().next().unwrap_or_default().to_owned();
             let no_table = text.contains("not found") && (text.contains("table") || text.contains("schema"));
-            let missing = if no_table { missing(known, question, context) } else { None };
+            let missing = if no_table { missing(session, query) } else { None };
             missing.unwrap_or_else(|| Fault::new(format!("the query cannot be answered: {text}")))
         }
     }
 }
 
 /// The first table of the query that the store does not have.
-fn missing(known: &Known, question: &Question, context: &SessionContext) -> Option<Fault> {
-    let state = context.state();
-    let statement = state.sql_to_statement(question.query, &state.config().options().sql_parser.dialect).ok()?;
+fn missing(session: &Session, query: &str) -> Option<Fault> {
+    let (known, state) = (session.known(), session.context().state());
+    let statement = state.sql_to_statement(query, &state.config().options().sql_parser.dialect).ok()?;
     let asked = state.resolve_table_references(&statement).ok()?;
     if known.tables.is_empty() && !asked.is_empty() {
-        let fault = Fault::new(format!("there are no tables in the store {}", question.store.display()));
+        let fault = Fault::new(format!("there are no tables in the store {}", session.store().display()));
         return Some(fault.help("run a spec first, and name its store with `--store`"));
     }
     asked.iter().find_map(|table| not_there(table, known))

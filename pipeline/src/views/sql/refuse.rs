@@ -87,7 +87,6 @@ fn refused(text: &str) -> Fault {
     let words: Vec<&str> = text.split_whitespace().take(3).collect();
     let named = words.first().is_some_and(|w| KINDS.contains(&w.to_uppercase().as_str()));
     let kind = words.iter().take(if named { 2 } else { 1 }).map(|w| w.to_uppercase()).collect::<Vec<_>>().join(" ");
-    let fault =
-        Fault::new(format!("`{kind}` is refused: `magline sql` reads the tables of a store and changes nothing"));
-    fault.help("ask with SELECT; `-o FILE` keeps the answer")
+    let fault = Fault::new(format!("`{kind}` is refused: a query reads the tables of a store and changes nothing"));
+    fault.help("ask with SELECT; `magline sql -o FILE` keeps the answer")
 }

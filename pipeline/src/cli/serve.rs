@@ -1,0 +1,114 @@
+//! `magline serve`: the store over Arrow Flight SQL.
+
+use std::{net::SocketAddr, path::PathBuf};
+
+use clap::Args;
+
+use super::Stop;
+use crate::views::sql::memory;
+
+/// The arguments of a server.
+#[derive(Args)]
+#[cfg_attr(not(feature = "serve"), allow(dead_code, reason = "only the feature `serve` reads them"))]
+pub struct ServeArgs {
+    /// The store's folder.
+    #[arg(long, default_value = "store")]
+    store: PathBuf,
+    /// The address to listen at; port 0 takes a free one.
+    #[arg(long, value_name = "IP:PORT", default_value = "127.0.0.1:31337")]
+    bind: SocketAddr,
+    /// A file that contains the token that clients must send, as a bearer token or as the password of any user. Without one
+    /// only this machine is served, and everyone on it.
+    #[arg(long, value_name = "FILE")]
+    token_file: Option<PathBuf>,
+    /// The certificate chain, PEM: connections are then encrypted.
+    #[arg(long, value_name = "FILE", requires = "tls_key")]
+    tls_cert: Option<PathBuf>,
+    /// The key of the certificate, PEM.
+    #[arg(long, value_name = "FILE", requires = "tls_cert")]
+    tls_key: Option<PathBuf>,
+    /// The memory limit of all queries together, such as 4GB; more goes to temporary files. By default a quarter of the
+    /// machine's, at most 8 GB.
+    #[arg(long, value_name = "SIZE", value_parser = memory::size)]
+    memory_limit: Option<usize>,
+    /// Queries at once; others wait.
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u16).range(1..))]
+    queries: u16,
+    /// The longest time for a query, s, from its request to its last row.
+    #[arg(long, value_name = "SECONDS", default_value_t = 300, value_parser = clap::value_parser!(u32).range(1..))]
+    timeout: u32,
+}
+
+/// Serves until it is interrupted.
+#[cfg(not(feature = "serve"))]
+pub fn run(_: &ServeArgs) -> Result<(), Stop> {
+    let what =
+        "error: this magline was built without `serve`\n  help: build it with `cargo build --features magline/serve`";
+    Err(Stop::Wrong(what.to_owned()))
+}
+
+/// Serves until it is interrupted.
+#[cfg(feature = "serve")]
+pub fn run(args: &ServeArgs) -> Result<(), Stop> {
+    use std::{fs, path::Path, time::Duration};
+
+    use schemas::Fault;
+    use tokio::sync::watch;
+
+    use super::{note, say::err, temporary::Temporary, tend};
+    use crate::serve::{Settings, Token, serve};
+
+    if !tend::is_store(&args.store) {
+        let fault = Fault::new(format!("{} is not a store", args.store.display()));
+        return Err(fault.help("run a spec first, and name its store with `--store`").into());
+    }
+    let read = |path: &Path| fs::read(path).map_err(|e| Fault::new(format!("cannot read {}: {e}", path.display())));
+    let token = args.token_file.as_deref().map(|path| -> Result<Token, Fault> {
+        let text = String::from_utf8(read(path)?);
+        let text = text.map_err(|_| Fault::new(format!("{} is not text", path.display())))?;
+        Token::read(&text).map_err(|f| f.in_file(&path.display().to_string()))
+    });
+    let token = token.transpose()?;
+    if let Some(path) = args.token_file.as_deref().filter(|path| others_read(path)) {
+        note(&format!("other users of this machine can read the token: `chmod 600 {}`", path.display()));
+    }
+    let tls = match (&args.tls_cert, &args.tls_key) {
+        (Some(certificate), Some(key)) => Some((read(certificate)?, read(key)?)),
+        _ => None,
+    };
+    if tls.is_none() && !args.bind.ip().is_loopback() && token.is_some() {
+        note("the token and all results go over the network unencrypted; `--tls-cert` and `--tls-key` encrypt them");
+    }
+    let (stop, stopped) = watch::channel(false);
+    // Where no handler can be set, an interrupt ends the process at once.
+    let _ = ctrlc::set_handler(move || {
+        // A second one does not wait for open answers.
+        if stop.send_replace(true) {
+            super::temporary::remove_all();
+            std::process::exit(130);
+        }
+    });
+    let spill = Temporary::new(std::env::temp_dir().join(format!("magline-serve-{}", std::process::id())));
+    let settings = Settings {
+        store: args.store.clone(),
+        bind: args.bind,
+        token,
+        tls,
+        memory: args.memory_limit.unwrap_or_else(memory::by_default),
+        spill: spill.path().to_owned(),
+        queries: usize::from(args.queries),
+        timeout: Duration::from_secs(u64::from(args.timeout)),
+    };
+    let scheme = if settings.tls.is_some() { "grpc+tls" } else { "grpc" };
+    let who = if settings.token.is_some() { "with a token" } else { "to everyone on this machine" };
+    let store = args.store.display();
+    Ok(serve(settings, |address| err!("serving {store} at {scheme}://{address}, read-only, {who}"), stopped)?)
+}
+
+/// Whether the group or others may read a file.
+#[cfg(feature = "serve")]
+fn others_read(file: &std::path::Path) -> bool {
+    use std::os::unix::fs::PermissionsExt;
+
+    std::fs::metadata(file).is_ok_and(|m| m.is_file() && m.permissions().mode() & 0o044 != 0)
+}

@@ -1,0 +1,119 @@
+//! Who may ask: whoever knows the token, as `Bearer TOKEN`, or as the password of any user.
+
+use base64::{Engine, prelude::BASE64_STANDARD_NO_PAD};
+use schemas::Fault;
+use tonic::{Request, Status, metadata::MetadataMap, service::Interceptor};
+
+/// The least number of characters of a token.
+const SHORTEST: usize = 16;
+
+const WRONG: &str =
+    "the token is missing or wrong: send it as `authorization: Bearer TOKEN`, or as the password of any user";
+
+/// A secret that clients must know. It is compared by its hash, in a time that does not depend on it.
+#[derive(Clone)]
+pub struct Token {
+    text: String,
+    hash: blake3::Hash,
+}
+
+impl Token {
+    /// Reads the text of a token file: one word of at least 16 visible ASCII characters.
+    ///
+    /// # Errors
+    /// Fails for anything else.
+    pub fn read(text: &str) -> Result<Token, Fault> {
+        let text = text.trim();
+        let fault = |what: String| Fault::new(what).help("`openssl rand -hex 32` makes a good one");
+        if !text.chars().all(|c| c.is_ascii_graphic()) {
+            return Err(fault("the token is not one word of visible ASCII characters".to_owned()));
+        }
+        if text.len() < SHORTEST {
+            return Err(fault(format!("the token has {} characters; at least {SHORTEST} are needed", text.len())));
+        }
+        Ok(Token { text: text.to_owned(), hash: blake3::hash(text.as_bytes()) })
+    }
+
+    /// As the header that carries it.
+    pub fn bearer(&self) -> String {
+        format!("Bearer {}", self.text)
+    }
+
+    fn is(&self, text: &[u8]) -> bool {
+        // The comparison of two hashes takes the same time for all.
+        blake3::hash(text) == self.hash
+    }
+
+    /// Whether the headers of a request hold it.
+    pub fn admits(&self, headers: &MetadataMap) -> bool {
+        let Some(header) = headers.get("authorization").and_then(|h| h.to_str().ok()) else { return false };
+        let Some((scheme, rest)) = header.split_once(' ') else { return false };
+        if scheme.eq_ignore_ascii_case("bearer") {
+            return self.is(rest.trim().as_bytes());
+        }
+        // Some clients pad, some do not.
+        let pair = || BASE64_STANDARD_NO_PAD.decode(rest.trim().trim_end_matches('=')).ok();
+        let known = scheme.eq_ignore_ascii_case("basic").then(pair).flatten();
+        known.is_some_and(|pair| pair.splitn(2, |b| *b == b':').nth(1).is_some_and(|password| self.is(password)))
+    }
+}
+
+/// Refuses requests without the token.
+#[derive(Clone)]
+pub struct Check(Option<Token>);
+
+impl Check {
+    /// Of `token`; without one all requests go through.
+    pub fn new(token: Option<Token>) -> Check {
+        Check(token)
+    }
+}
+
+impl Interceptor for Check {
+    fn call(&mut self, request: Request<()>) -> Result<Request<()>, Status> {
+        match &self.0 {
+            Some(token) if !token.admits(request.metadata()) => Err(Status::unauthenticated(WRONG)),
+            Some(_) | None => Ok(request),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use base64::prelude::BASE64_STANDARD;
+
+    use super::*;
+
+    fn with(header: &str) -> MetadataMap {
+        let mut headers = MetadataMap::new();
+        headers.insert("authorization", header.parse().unwrap());
+        headers
+    }
+
+    #[test]
+    fn unit_only_the_token_is_admitted() {
+        let token = Token::read(" 0123456789abcdef\n").unwrap();
+        let basic = |pair: &str| format!("Basic {}", BASE64_STANDARD.encode(pair));
+        let unpadded = basic("me:0123456789abcdef").trim_end_matches('=').to_owned();
+        for right in [token.bearer(), "bearer 0123456789abcdef".to_owned(), basic("anyone:0123456789abcdef"), unpadded]
+        {
+            assert!(token.admits(&with(&right)), "{right}");
+        }
+        let wrong =
+            ["Bearer 0123456789abcdeg", "Bearer", "Bearer ", "0123456789abcdef", "Basic !!", "Digest 0123456789abcdef"];
+        for wrong in wrong.map(str::to_owned).into_iter().chain([basic("0123456789abcdef"), basic("a:b"), basic("a:")])
+        {
+            assert!(!token.admits(&with(&wrong)), "{wrong}");
+        }
+        assert!(!token.admits(&MetadataMap::new()));
+    }
+
+    #[test]
+    fn unit_a_token_that_can_be_guessed_is_refused() {
+        for wrong in ["", "  \n", "short", "0123456789 abcdef", "0123456789abcd\u{e9}f"] {
+            assert!(Token::read(wrong).is_err(), "{wrong:?}");
+        }
+    }
+}

@@ -1,0 +1,150 @@
+//! `magline serve`: the tables of a store over Arrow Flight SQL, read-only.
+//!
+//! A query sees the tables as they are when it is planned, by the session of `magline sql` with the same rules; what a run
+//! publishes meanwhile is seen by later ones. Answers are streamed as they are computed.
+
+mod auth;
+mod keys;
+mod parameters;
+mod queries;
+mod service;
+
+use std::{net::SocketAddr, path::PathBuf, time::Duration};
+
+use arrow_flight::flight_service_server::FlightServiceServer;
+use schemas::Fault;
+use tokio::{
+    runtime::{Builder, Runtime},
+    sync::watch,
+    time::sleep,
+};
+use tonic::{
+    service::interceptor::InterceptedService,
+    transport::{Identity, Server, ServerTlsConfig, server::TcpIncoming},
+};
+
+use crate::views::sql::WORKER_STACK;
+pub use auth::Token;
+use queries::Queries;
+use service::Service;
+
+/// How a store is served.
+pub struct Settings {
+    /// The store's folder.
+    pub store: PathBuf,
+    /// Where to listen; port 0 takes a free one.
+    pub bind: SocketAddr,
+    /// What a client must know.
+    pub token: Option<Token>,
+    /// Certificate chain and key, PEM.
+    pub tls: Option<(Vec<u8>, Vec<u8>)>,
+    /// The bytes that all queries together may take.
+    pub memory: usize,
+    /// Where they spill to.
+    pub spill: PathBuf,
+    /// Queries at once; others wait.
+    pub queries: usize,
+    /// The longest time for a query, from its request to its last row.
+    pub timeout: Duration,
+}
+
+/// Threads for connections; queries have their own.
+const CONNECTION_THREADS: usize = 2;
+/// The time that open answers have to end after a stop.
+const GRACE: Duration = Duration::from_secs(3);
+/// A client that does not answer for so long is gone.
+const ALIVE: Duration = Duration::from_secs(30);
+/// The longest message of a client: a query, or the values of its parameters. Answers are sent in messages of about 2 MB.
+const MESSAGE: usize = 4 << 20;
+/// Requests at once on one connection; others wait.
+const STREAMS: u32 = 64;
+
+fn machine(what: &str, e: &dyn std::fmt::Display) -> Fault {
+    Fault::machine(format!("{what}: {e}"))
+}
+
+/// Serves until `stop` is true, or its sender is gone. `started` is told the address.
+///
+/// # Errors
+/// Fails when the address cannot be listened at beyond this machine without a token, is taken, or the certificate or key
+/// cannot be used.
+pub fn serve(settings: Settings, started: impl FnOnce(SocketAddr), stop: watch::Receiver<bool>) -> Result<(), Fault> {
+    if settings.token.is_none() && !settings.bind.ip().is_loopback() {
+        let what = format!("{} can be reached from other machines, and there is no token", settings.bind.ip());
+        return Err(Fault::new(what).help("give one with `--token-file`, or bind to 127.0.0.1"));
+    }
+    let threads = |name: &'static str| {
+        let mut builder = Builder::new_multi_thread();
+        builder.thread_name(name).enable_all();
+        builder
+    };
+    let connections = threads("connections").worker_threads(CONNECTION_THREADS).build();
+    let connections: Runtime = connections.map_err(|e| machine("cannot start threads", &e))?;
+    let computing = threads("queries").thread_stack_size(WORKER_STACK).build();
+    let computing: Runtime = computing.map_err(|e| machine("cannot start threads", &e))?;
+    let queries = Queries::new(&settings, computing.handle().clone());
+    let done = connections.block_on(listen(settings, queries, started, stop));
+    // What still runs has no one to answer.
+    computing.shutdown_background();
+    connections.shutdown_background();
+    done
+}
+
+/// Gives the process the cryptography of its encrypted connections; one that was given before stays.
+fn cryptography() -> Result<(), Fault> {
+    #[cfg(target_arch = "x86_64")]
+    let able = std::arch::is_x86_feature_detected!("aes")
+        && std::arch::is_x86_feature_detected!("pclmulqdq")
+        && std::arch::is_x86_feature_detected!("bmi1")
+        && std::arch::is_x86_feature_detected!("bmi2")
+        && std::arch::is_x86_feature_detected!("adx")
+        && std::arch::is_x86_feature_detected!("avx2");
+    #[cfg(target_arch = "aarch64")]
+    let able = std::arch::is_aarch64_feature_detected!("aes")
+        && std::arch::is_aarch64_feature_detected!("pmull")
+        && std::arch::is_aarch64_feature_detected!("sha2");
+    if !able {
+        let fault =
+            Fault::new("this processor lacks instructions that encryption needs (AES, AVX2, ADX; SHA-2 on ARM)");
+        return Err(fault.help("serve on the loopback, and encrypt with a proxy that speaks HTTP/2"));
+    }
+    let _ = rustls_graviola::default_provider().install_default();
+    Ok(())
+}
+
+async fn listen(
+    settings: Settings,
+    queries: Queries,
+    started: impl FnOnce(SocketAddr),
+    stop: watch::Receiver<bool>,
+) -> Result<(), Fault> {
+    let check = auth::Check::new(settings.token.clone());
+    let service = Service::new(queries, settings.token);
+    let mut server = Server::builder()
+        .http2_keepalive_interval(Some(ALIVE))
+        .http2_keepalive_timeout(Some(ALIVE))
+        .max_concurrent_streams(Some(STREAMS));
+    if let Some((certificate, key)) = settings.tls {
+        cryptography()?;
+        let tls = ServerTlsConfig::new().identity(Identity::from_pem(certificate, key)).timeout(ALIVE);
+        let wrong = |e: tonic::transport::Error| {
+            let why = std::error::Error::source(&e).map_or_else(|| e.to_string(), |cause| cause.to_string());
+            Fault::new(format!("the certificate or its key cannot be used: {why}")).help("both are PEM files")
+        };
+        server = server.tls_config(tls).map_err(wrong)?;
+    }
+    let taken = |e: &dyn std::fmt::Display| machine(&format!("cannot listen at {}", settings.bind), e);
+    let incoming = TcpIncoming::bind(settings.bind).map_err(|e| taken(&e))?.with_nodelay(Some(true));
+    started(incoming.local_addr().map_err(|e| taken(&e))?);
+    let stopped = |mut stop: watch::Receiver<bool>| async move {
+        // A sender that is gone will not stop it any more.
+        let _ = stop.wait_for(|stop| *stop).await;
+    };
+    let (first, later) = (stopped(stop.clone()), stopped(stop));
+    let flight = FlightServiceServer::new(service).max_decoding_message_size(MESSAGE);
+    let server = server.add_service(InterceptedService::new(flight, check));
+    tokio::select! {
+        done = server.serve_with_incoming_shutdown(incoming, first) => done.map_err(|e| machine("cannot serve", &e)),
+        () = async { later.await; sleep(GRACE).await } => Ok(()),
+    }
+}

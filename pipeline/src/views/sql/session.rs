@@ -1,0 +1,117 @@
+//! The tables of a store as they are at one moment, and the queries that are answered from them.
+
+use std::{
+    path::{Path, PathBuf},
+    sync::Arc,
+};
+
+use arrow_schema::Schema;
+use datafusion::{
+    error::DataFusionError,
+    execution::{
+        SendableRecordBatchStream,
+        disk_manager::{DiskManagerBuilder, DiskManagerMode},
+        memory_pool::{FairSpillPool, MemoryConsumer, MemoryPool, MemoryReservation},
+        runtime_env::RuntimeEnvBuilder,
+    },
+    logical_expr::LogicalPlan,
+    prelude::{SQLOptions, SessionConfig, SessionContext},
+};
+use schemas::Fault;
+
+use super::{
+    explain, functions, refuse,
+    tables::{self, Known},
+};
+
+/// The published tables of a store at the moment it was opened: what a run publishes afterwards is not seen.
+pub struct Session {
+    context: SessionContext,
+    known: Known,
+    pool: Arc<dyn MemoryPool>,
+    store: PathBuf,
+    memory: usize,
+}
+
+impl Session {
+    /// Over the store in the folder `store`. Its queries together may take `memory` bytes, and spill to the folder `spill`.
+    ///
+    /// # Errors
+    /// Fails when the store cannot be read.
+    pub fn new(store: &Path, memory: usize, spill: &Path) -> Result<Session, Fault> {
+        let pool: Arc<dyn MemoryPool> = Arc::new(FairSpillPool::new(memory));
+        let disk = DiskManagerBuilder::default().with_mode(DiskManagerMode::Directories(vec![spill.to_owned()]));
+        let runtime = RuntimeEnvBuilder::new()
+            .with_memory_pool(pool.clone())
+            .with_disk_manager_builder(disk)
+            .with_object_store_registry(Arc::new(tables::Nowhere))
+            .build_arc()
+            .map_err(|e| Fault::machine(e.to_string()))?;
+        let context = SessionContext::new_with_config_rt(SessionConfig::new().with_information_schema(true), runtime);
+        functions::register(&context);
+        let known = tables::register(&context, store)?;
+        Ok(Session { context, known, pool, store: store.to_owned(), memory })
+    }
+
+    /// The plan of a query that only asks; its parameters `$1`, `$2` may still be open.
+    ///
+    /// # Errors
+    /// Fails when the query is wrong, asks for a table that the store does not have, or does anything but ask.
+    pub async fn plan(&self, query: &str) -> Result<LogicalPlan, Fault> {
+        let wrong = |e: DataFusionError| self.fault(&e, query);
+        let state = self.context.state();
+        let statement = state.sql_to_statement(query, &state.config().options().sql_parser.dialect).map_err(wrong)?;
+        refuse::statement(&statement)?;
+        let plan = state.statement_to_plan(statement).await.map_err(wrong)?;
+        refuse::plan(&plan)?;
+        let nothing = SQLOptions::new().with_allow_ddl(false).with_allow_dml(false).with_allow_statements(false);
+        nothing.verify_plan(&plan).map_err(wrong)?;
+        Ok(plan)
+    }
+
+    /// The columns of the answer to a plan without open parameters: what is cast for a union, say, is known after analysis.
+    ///
+    /// # Errors
+    /// Fails when the plan cannot be analysed.
+    pub fn columns(&self, plan: &LogicalPlan) -> Result<Schema, DataFusionError> {
+        Ok(self.context.state().optimize(plan)?.schema().as_arrow().clone())
+    }
+
+    /// The answer to a plan, piece by piece.
+    ///
+    /// # Errors
+    /// Fails when it cannot be begun; see [`Session::fault`].
+    pub async fn run(&self, plan: LogicalPlan) -> Result<SendableRecordBatchStream, DataFusionError> {
+        self.context.execute_logical_plan(plan).await?.execute_stream().await
+    }
+
+    /// What to say of an error of the query `query`.
+    pub fn fault(&self, e: &DataFusionError, query: &str) -> Fault {
+        explain::fault(e, self, query)
+    }
+
+    /// Memory of what becomes of the answer, counted with that of the queries.
+    pub fn reserve(&self, name: &str) -> MemoryReservation {
+        MemoryConsumer::new(name).register(&self.pool)
+    }
+
+    /// The tables that there are.
+    pub fn known(&self) -> &Known {
+        &self.known
+    }
+
+    /// DataFusion's own session.
+    pub fn context(&self) -> &SessionContext {
+        &self.context
+    }
+
+    /// The store's folder.
+    pub fn store(&self) -> &Path {
+        &self.store
+    }
+
+    /// The bytes that the queries may take.
+    pub fn memory(&self) -> usize {
+        self.memory
+    }
+}
