@@ -260,7 +260,14 @@ const MARK: &str = "\0magline ";
 pub struct Codec {
     ballista: BallistaPhysicalExtensionCodec,
     /// Whether nodes of other versions are read.
-    pub lenient: bool,
+    lenient: bool,
+}
+
+impl Codec {
+    /// Of a worker.
+    pub fn of_worker() -> Codec {
+        Codec { lenient: true, ..Codec::default() }
+    }
 }
 
 impl PhysicalExtensionCodec for Codec {
@@ -336,7 +343,7 @@ mod tests {
         let leaf = DataSourceExec::from_data_source(leaf) as Arc<dyn ExecutionPlan>;
         let node = Arc::new(Units::of(leaf.clone(), "9.9.9".to_owned()));
         assert_eq!(node.output_partitioning().partition_count(), 2);
-        let (strict, worker) = (Codec::default(), Codec { lenient: true, ..Codec::default() });
+        let (strict, worker) = (Codec::default(), Codec::of_worker());
         let converter = DefaultPhysicalProtoConverter {};
         let mut bytes = vec![];
         strict.try_encode(node, &mut bytes, &converter).unwrap();

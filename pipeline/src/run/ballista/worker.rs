@@ -135,7 +135,7 @@ fn executed(config: &Config, name: String, folder: &str) -> Result<Ended, Fault>
         job_data_ttl_seconds: 3600,
         executor_heartbeat_interval_seconds: config.heartbeat.as_secs().max(1),
         memory_pool_size: Some(0),
-        override_physical_codec: Some(Arc::new(Codec { lenient: true, ..Codec::default() })),
+        override_physical_codec: Some(Arc::new(Codec::of_worker())),
         ..ExecutorProcessConfig::default()
     };
     let ended = runtime()?.block_on(async {
