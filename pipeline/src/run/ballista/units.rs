@@ -309,10 +309,7 @@ impl PhysicalExtensionCodec for Codec {
 mod tests {
     #![allow(clippy::unwrap_used)]
 
-    use datafusion::{
-        datasource::{memory::MemorySourceConfig, source::DataSourceExec},
-        physical_plan::ExecutionPlanProperties,
-    };
+    use datafusion::datasource::{memory::MemorySourceConfig, source::DataSourceExec};
     use datafusion_proto::physical_plan::DefaultPhysicalProtoConverter;
 
     use super::*;
@@ -342,15 +339,16 @@ mod tests {
         let leaf = MemorySourceConfig::try_new(&parts, handed_schema(), None).unwrap();
         let leaf = DataSourceExec::from_data_source(leaf) as Arc<dyn ExecutionPlan>;
         let node = Arc::new(Units::of(leaf.clone(), "9.9.9".to_owned()));
-        assert_eq!(node.output_partitioning().partition_count(), 2);
+        assert_eq!(node.properties().output_partitioning().partition_count(), 2);
         let (strict, worker) = (Codec::default(), Codec::of_worker());
         let converter = DefaultPhysicalProtoConverter {};
         let mut bytes = vec![];
         strict.try_encode(node, &mut bytes, &converter).unwrap();
         let context = TaskContext::default();
-        let refused = strict.try_decode(&bytes, &[leaf.clone()], &context, &converter).unwrap_err().to_string();
+        let refused =
+            strict.try_decode(&bytes, std::slice::from_ref(&leaf), &context, &converter).unwrap_err().to_string();
         assert!(refused.contains("9.9.9") && refused.contains(VERSION) && !refused.contains("bug"), "{refused}");
-        let read = worker.try_decode(&bytes, &[leaf.clone()], &context, &converter).unwrap();
+        let read = worker.try_decode(&bytes, std::slice::from_ref(&leaf), &context, &converter).unwrap();
         // It is handed on as what it is.
         let mut again = vec![];
         worker.try_encode(read, &mut again, &converter).unwrap();
