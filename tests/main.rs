@@ -9,6 +9,10 @@ mod bad_input;
 mod bench;
 mod bytes;
 mod calibration;
+#[cfg(feature = "cluster")]
+mod cluster;
+#[cfg(feature = "cluster")]
+mod cluster_support;
 mod cost;
 mod examples;
 mod failures;

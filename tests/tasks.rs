@@ -67,7 +67,7 @@ fn packs(bench: &Bench, store: &str) -> BTreeMap<PathBuf, Vec<u8>> {
 }
 
 /// The tables of `store` are those of the local run in `whole`, and so are all packs that it wrote.
-fn same(bench: &Bench, whole: &str, store: &str) {
+pub fn same(bench: &Bench, whole: &str, store: &str) {
     let (expected, found) = (bench.tables(whole), bench.tables(store));
     assert_eq!(expected.keys().collect::<Vec<_>>(), found.keys().collect::<Vec<_>>());
     for (name, bytes) in &expected {

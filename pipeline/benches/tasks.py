@@ -36,10 +36,11 @@ def published(folder, store):
 
 
 def by_tasks(binary, folder, store, units, one_by_one):
-    """Processor seconds of planning, computing and publishing, and the number of tasks."""
+    """Processor seconds of planning, computing and publishing, and the number of tasks; of so many units, or as many as they choose."""
     plan, work, tasks = 0.0, 0.0, 0
     while True:
-        seconds, lines = processor([binary, "tasks", "growth.toml", "--set", f"store={store}", "--units", str(units)], folder)
+        most = [] if units is None else ["--units", str(units)]
+        seconds, lines = processor([binary, "tasks", "growth.toml", "--set", f"store={store}", *most], folder)
         plan += seconds
         wave = lines.splitlines()
         tasks += len(wave)
@@ -58,7 +59,7 @@ def main():
     parser.add_argument("--magline", required=True)
     parser.add_argument("--lines", type=int, nargs="+", default=[10, 100, 1000])
     parser.add_argument("--points", type=int, default=10)
-    parser.add_argument("--units", type=int, default=48)
+    parser.add_argument("--units", type=int, help="of a task; by default as many as `magline tasks` chooses")
     parser.add_argument("--folder", help="where stores are made")
     args = parser.parse_args()
     binary = str(Path(args.magline).resolve())

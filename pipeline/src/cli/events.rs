@@ -67,6 +67,7 @@ impl Json {
                 "axes": point_json(point),
                 "progress": progress,
             }),
+            Event::Waiting { what } => json!({ "event": "waiting", "for": what }),
             Event::Searching { rows, trials, best } => json!({
                 "event": "searching",
                 "generation": rows.first().map(|r| r.generation),

@@ -4,7 +4,11 @@ use std::{
     io::Write,
     process::exit,
     sync::{Mutex, PoisonError, atomic::Ordering},
+    thread,
+    time::Duration,
 };
+
+use nix::unistd::getppid;
 
 use super::temporary;
 use crate::{
@@ -56,6 +60,20 @@ static LAST: Mutex<Option<Last>> = Mutex::new(None);
 /// Sets what is done before an interrupt ends the process at once.
 pub fn at_exit(last: impl FnOnce(u8) + Send + 'static) {
     *LAST.lock().unwrap_or_else(PoisonError::into_inner) = Some(Box::new(last));
+}
+
+/// From now on this process ends when `parent` no longer is its parent: whoever gave it its tasks is gone, which is not the fault
+/// of a unit.
+pub fn with_parent(parent: u32) {
+    const LOOKS_EVERY: Duration = Duration::from_millis(500);
+    // Without a spare thread it ends after its task.
+    let _ = thread::Builder::new().name("parent".to_owned()).spawn(move || {
+        while u32::try_from(getppid().as_raw()).is_ok_and(|now| now == parent) {
+            thread::sleep(LOOKS_EVERY);
+        }
+        attempts::withdraw();
+        exit(i32::from(STATUS));
+    });
 }
 
 /// From now on an interrupt ends a worker as [`listen`] ends a run, and the units at work are not counted as lost: what

@@ -3,6 +3,9 @@
 
 mod answer;
 mod bench;
+#[cfg(feature = "cluster")]
+mod cluster;
+mod engine;
 mod events;
 mod ingest;
 mod interrupt;
@@ -25,7 +28,6 @@ use std::{
     path::PathBuf,
     process::ExitCode,
     sync::atomic::{AtomicBool, Ordering},
-    time::Duration,
 };
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
@@ -65,6 +67,19 @@ enum Command {
     /// Compute tasks, and print a receipt of each: for Slurm, Dask, Argo or xargs.
     #[command(after_long_help = task::STATUS_HELP)]
     Task(task::TaskArgs),
+    /// Serve as the scheduler of a cluster, for `magline run --engine ballista://HOST:PORT`.
+    #[cfg(feature = "cluster")]
+    Scheduler(cluster::SchedulerArgs),
+    /// Compute what the scheduler of a cluster hands out.
+    #[cfg(feature = "cluster")]
+    #[command(after_long_help = cluster::WORKER_HELP)]
+    Worker(cluster::WorkerArgs),
+    #[cfg(not(feature = "cluster"))]
+    #[command(name = "scheduler", alias = "worker", hide = true)]
+    Cluster {
+        #[arg(trailing_var_arg = true, allow_hyphen_values = true, hide = true)]
+        _given: Vec<String>,
+    },
     /// Check a spec; nothing is run.
     Check(SpecArgs),
     /// Print the plan: tables, axes, what is in the store, what each stage costs.
@@ -212,16 +227,8 @@ struct RunArgs {
     /// The number of threads; all cores by default. Results do not depend on it.
     #[arg(long, value_parser = threads::count)]
     threads: Option<usize>,
-    /// The engine: the threads of this process, or as many processes of one thread, so that a unit that kills its worker or
-    /// takes too long takes nothing else with it. Results do not depend on it.
-    #[arg(long, value_enum, default_value_t)]
-    engine: EngineName,
-    /// The longest time of a unit, such as 90s or 2h, with `--engine processes`: a thread cannot be stopped.
-    #[arg(long, value_name = "TIME", value_parser = tend::age)]
-    unit_timeout: Option<Duration>,
-    /// How often a unit is tried again after its worker was lost; see `magline task`.
-    #[arg(long, value_name = "N", default_value_t = run::RETRIES)]
-    retries: usize,
+    #[command(flatten)]
+    engine: engine::EngineArgs,
     /// Read the bytes of every input, even where its size and time are unchanged.
     #[arg(long)]
     verify_inputs: bool,
@@ -240,34 +247,6 @@ fn located(text: &str) -> Result<PathBuf, String> {
     store::located(text).map_err(|fault| fault.to_string())
 }
 
-/// What computes a run.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
-enum EngineName {
-    /// The threads of this process.
-    #[default]
-    Local,
-    /// Processes of this program.
-    Processes,
-}
-
-/// The engine that was asked for.
-fn engine(args: &RunArgs) -> Result<Box<dyn run::Engine>, Stop> {
-    match (args.engine, args.unit_timeout) {
-        (EngineName::Local, None) => Ok(Box::new(run::Local)),
-        (EngineName::Local, Some(_)) => Err(Stop::Wrong(
-            "error: the engine `local` cannot stop a unit that takes too long\n  help: use `--engine processes` with \
-             `--unit-timeout`"
-                .to_owned(),
-        )),
-        (EngineName::Processes, unit_timeout) => {
-            let program = std::env::current_exe();
-            let program = program.map_err(|e| Stop::Failed(format!("error: cannot find this program: {e}")))?;
-            let count = args.threads.unwrap_or_else(threads::cores);
-            Ok(Box::new(run::Processes { program, count, retries: args.retries, unit_timeout }))
-        }
-    }
-}
-
 const JSON_HELP: &str = "\
 Scores are marked where a filter is worse than its INS alone (worse_than_ins), where its NEES is outside of 0.2 to 20 (its \
 law is 2) or its NIS outside of 0.25 to 4 (its law is 1). These, maps at another height than the flight (map_height), \
@@ -279,6 +258,7 @@ Events of --json, one object per line, each with the key `event`:
   started     pipeline, version, run, time, units, notes
   computing   table, units: how many of its units (a line at a sweep point, or a fit) are computed now
   unit        table, axes, flight, line, status (computed, reused, failed, skipped), error
+  waiting     for: what is missing to go on, such as a worker of a cluster; null when it goes on
   searching   generation, rung, trials (their numbers), of, best (trial, goal): trials that are computed next
   trial       trial, generation, rung, axes, goal, state (done, promoted, pruned, failed), error, best
   publishing  table
@@ -342,6 +322,12 @@ pub fn main(catalogue: &[Entry]) -> ExitCode {
         Command::Compact(args) => run_spec(catalogue, &args, true),
         Command::Tasks(args) => task::tasks(catalogue, &args),
         Command::Task(args) => task::task(catalogue, &args),
+        #[cfg(feature = "cluster")]
+        Command::Scheduler(args) => cluster::scheduler(&args),
+        #[cfg(feature = "cluster")]
+        Command::Worker(args) => cluster::worker(&args),
+        #[cfg(not(feature = "cluster"))]
+        Command::Cluster { .. } => Err(engine::without_cluster()),
         Command::Check(args) => check(catalogue, &args),
         Command::Explain(args) => explain(catalogue, &args),
         Command::Why { spec, table } => {
@@ -519,7 +505,7 @@ fn synth(spec: &std::path::Path, to: &std::path::Path, quiet: bool) -> Result<()
 }
 
 fn run_spec(catalogue: &[Entry], args: &RunArgs, compact: bool) -> Result<(), Stop> {
-    let engine = engine(args)?;
+    let engine = engine::engine(&args.engine, args.threads)?;
     let watch = schedule::watch(&args.schedule, &args.spec)?;
     interrupt::listen();
     QUIET.store(args.quiet, Ordering::Relaxed);
@@ -549,7 +535,7 @@ fn ran(
     let (plan, store, publisher) = args.schedule.enter(&read, watch)?;
     let named = args.schedule.named(&plan)?;
     let pool = threads::pool(args.threads)?;
-    let options = run::Options { wait: false, compact, retries: args.retries, engine, until: named.until };
+    let options = run::Options { wait: false, compact, retries: args.engine.retries, engine, until: named.until };
     watch.begin(&plan);
     let limit = args.schedule.limit();
     let run = |listener: &dyn Listener| -> Result<(Plan, Summary), Faults> {

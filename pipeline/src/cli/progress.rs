@@ -255,6 +255,10 @@ impl Listener for Progress {
             }
             Event::Unit { .. } => {}
             Event::Working { progress, .. } => self.change(|state, _| state.at = (*progress).to_owned()),
+            Event::Waiting { what } => {
+                let at = what.map(|what| format!("waiting for {what}")).unwrap_or_default();
+                self.change(|state, _| state.at = at);
+            }
             Event::Searching { rows, trials, best } => {
                 let within = within(rows, *trials, *best);
                 self.change(|state, _| (state.within, state.what) = (within, String::new()));

@@ -35,9 +35,9 @@ pub struct TasksArgs {
     /// Only those of this table.
     #[arg(long)]
     table: Option<String>,
-    /// The most units of a task: enough that a task takes far longer than the start of a process.
-    #[arg(long, value_name = "N", default_value_t = 48, value_parser = units)]
-    units: usize,
+    /// The most units of a task; by default so many that the start of a process is 5 % of what they are expected to take.
+    #[arg(long, value_name = "N", value_parser = units)]
+    units: Option<usize>,
     /// How often a unit is tried again after its worker was lost.
     #[arg(long, value_name = "N", default_value_t = run::RETRIES)]
     retries: usize,
@@ -74,6 +74,9 @@ pub struct TaskArgs {
     /// What is wrong with units is in their receipts alone.
     #[arg(short, long)]
     quiet: bool,
+    /// End when this process is no longer the parent.
+    #[arg(long, value_name = "PROCESS", hide = true)]
+    parent: Option<u32>,
 }
 
 /// The help of `task` on its exit status.
@@ -137,6 +140,7 @@ pub fn tasks(catalogue: &[Entry], args: &TasksArgs) -> Result<(), Stop> {
 /// Fails when there is no store, a task is refused, or a unit has no answer.
 pub fn task(catalogue: &[Entry], args: &TaskArgs) -> Result<(), Stop> {
     interrupt::withdraw();
+    args.parent.into_iter().for_each(interrupt::with_parent);
     super::QUIET.store(args.quiet, Ordering::Relaxed);
     let store = Store::join(&args.store)?;
     let pool = threads::pool(args.threads)?;
@@ -177,7 +181,8 @@ pub fn task(catalogue: &[Entry], args: &TaskArgs) -> Result<(), Stop> {
     }
 }
 
-fn print(receipt: &Receipt) {
+/// Prints a receipt, and what is wrong with it.
+pub fn print(receipt: &Receipt) {
     match serde_json::to_string(receipt) {
         Ok(text) => out!("{text}\n"),
         Err(e) => err!("error: a receipt cannot be written: {e}"),

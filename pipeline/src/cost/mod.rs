@@ -134,6 +134,29 @@ pub fn estimate(graph: &Graph, store: &Store, threads: usize) -> Result<Cost, Fa
     Ok(Cost { tables, beside, beside_clock, threads, speed, measured: known.own })
 }
 
+/// What units take, which says how large a task should be.
+pub struct Rates {
+    known: Known,
+    speed: f64,
+}
+
+impl Rates {
+    /// By what magline comes with and what `store` has measured.
+    pub fn new(store: &Store) -> Rates {
+        Rates { known: Known::new(store.root()), speed: machine::speed() }
+    }
+
+    /// The processor time of a unit of the table `t` on this machine, s: the mean of those that are missing in `store`; 0 where
+    /// there is none.
+    pub fn unit_s(&self, graph: &Graph, store: &Store, t: usize) -> f64 {
+        let asked = Amounts::new(graph, store, &self.known.rows, 1).of(t).unwrap_or_default();
+        match asked.missing.len() {
+            0 => 0.0,
+            n => self.known.seconds.total(&asked.work.time(asked.rows)) / self.speed / n as f64,
+        }
+    }
+}
+
 /// What the program takes to start and to read its plan, s, of a machine of speed 1: before anything is measured.
 const START_S: f64 = 0.03;
 /// A file is brought to the disk, and then its name.

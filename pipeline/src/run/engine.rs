@@ -26,13 +26,52 @@ pub struct Wave<'a> {
     pub told: &'a Told<'a>,
 }
 
+impl Wave<'_> {
+    /// Tells the outcomes of a task.
+    pub fn tell(&self, task: &Task, receipt: &Receipt) {
+        for answer in &receipt.units {
+            let unit = task.units.iter().find(|u| (u.point, u.line) == (answer.point, answer.line));
+            let unit = unit.map(|u| u.unit(self.table));
+            unit.into_iter().for_each(|unit| (self.told)(unit, answer.outcome, answer.fault.as_ref()));
+        }
+    }
+}
+
+/// What an engine needs tasks to be.
+#[derive(Clone, Copy, Debug)]
+pub struct Pace {
+    /// What a task costs beside its work, s.
+    pub task_s: f64,
+    /// How many tasks are computed at once; 0 where that is not known.
+    pub at_once: usize,
+}
+
+/// The part of the work that its division into tasks may cost.
+const MOST_BESIDE: f64 = 0.05;
+/// The most units of a task, however quick they are: a worker that is lost takes that many with it.
+const MOST_UNITS: usize = 4096;
+
+impl Pace {
+    /// How many of `units` units, of `unit_s` seconds each, a task has: so many that what it costs beside its work is 5 % of it.
+    /// Where there is too little work for that, there is a task for each of those that are computed at once, unless it costs
+    /// more than it does.
+    pub fn units(self, units: usize, unit_s: f64) -> usize {
+        let of = |task_s: f64| (task_s / unit_s.max(1e-9)).ceil().clamp(1.0, MOST_UNITS as f64) as usize;
+        let enough = of(self.task_s / MOST_BESIDE);
+        match self.at_once {
+            0 => enough,
+            n => enough.min(units.div_ceil(n).max(of(self.task_s))),
+        }
+    }
+}
+
 /// What computes tasks. Whatever it is, the driver plans, looks into the store, lays out and publishes the same.
 pub trait Engine: Sync {
     /// Whether tasks are computed in this process: they need no plan in the store, and their results are in the catalogue.
     fn is_local(&self) -> bool;
 
-    /// The most units that a task should have.
-    fn most_units(&self) -> usize;
+    /// What tasks should be like.
+    fn pace(&self) -> Pace;
 
     /// Computes the tasks of a wave; the answers of each, in their order. None for a task that an interrupt left out. A unit
     /// that was lost has an answer too: a fault of the machine.
@@ -47,8 +86,8 @@ impl Engine for Local {
         true
     }
 
-    fn most_units(&self) -> usize {
-        usize::MAX
+    fn pace(&self) -> Pace {
+        Pace { task_s: 0.0, at_once: rayon::current_num_threads() }
     }
 
     fn run(&self, wave: &Wave) -> Vec<Option<Receipt>> {
@@ -66,5 +105,31 @@ pub fn prepare(worker: &Worker, table: usize, tasks: &[Task]) {
     if worker.grain(table) != Grain::Map {
         let to_do = tasks.iter().flat_map(|task| task.units.iter().filter(|u| !u.have));
         worker.prepare_all(to_do.map(|u| u.unit(table)));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn law_tasks_cost_five_percent_of_their_work_beside_it_or_less_unless_there_is_too_little_for_all() {
+        for (task_s, unit_s) in [(0.012, 0.3e-3), (0.012, 0.02), (0.1, 0.3e-3), (0.1, 7.0), (0.02, 0.1)] {
+            for at_once in [0, 1, 2, 64] {
+                for units in [1usize, 10, 1000, 1_000_000] {
+                    let n = Pace { task_s, at_once }.units(units, unit_s);
+                    let beside = |n: usize| task_s / (n as f64 * unit_s);
+                    let few = at_once > 0 && n >= units.div_ceil(at_once) && beside(n) <= 1.0 + 1e-9;
+                    assert!(
+                        beside(n) <= MOST_BESIDE || few || n == MOST_UNITS,
+                        "{task_s} {unit_s} {at_once} {units}: {n}"
+                    );
+                    // Not larger than needed.
+                    assert!(n == 1 || beside(n - 1) > MOST_BESIDE, "{task_s} {unit_s} {at_once} {units}: {n}");
+                }
+            }
+        }
+        assert_eq!(Pace { task_s: 0.1, at_once: 0 }.units(10, 0.0), MOST_UNITS);
+        assert_eq!(Pace { task_s: 0.1, at_once: 0 }.units(10, f64::NAN), MOST_UNITS);
     }
 }

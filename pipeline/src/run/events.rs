@@ -102,6 +102,11 @@ pub enum Event<'a> {
         /// How far, in a few words.
         progress: &'a str,
     },
+    /// Nothing can be computed before something else is there; or that has come.
+    Waiting {
+        /// What for, in a few words; none when it goes on.
+        what: Option<&'a str>,
+    },
     /// A unit is finished.
     Unit {
         /// The table.

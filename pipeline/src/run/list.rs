@@ -2,7 +2,7 @@
 
 use schemas::{Fault, Owner};
 
-use super::{Count, Options, Quiet, Runner, recorded, table::Handed, task::Task, trials, work::Worker};
+use super::{Count, Options, Quiet, Runner, engine::Pace, recorded, table::Handed, task::Task, trials, work::Worker};
 use crate::{
     plan::{Graph, Plan},
     sources::ReadStep,
@@ -22,7 +22,11 @@ pub struct Listed {
     pub given_up: usize,
 }
 
-/// Lists what can be computed with what is in `store`, in tasks of at most `most` units; with `only` that of one table. The
+/// What a task costs beside its work in a process of its own, s: `pipeline/benches/README.md`.
+const TASK_S: f64 = 0.1;
+
+/// Lists what can be computed with what is in `store`, in tasks of at most `most` units, or of as many as a process of its own
+/// is worth; with `only` that of one table. The
 /// plan and the index are in the store when this returns. Nothing is computed, but sources that are new are read.
 ///
 /// # Errors
@@ -31,7 +35,7 @@ pub fn list(
     plan: &Plan,
     store: &Store,
     options: Options<'_>,
-    most: usize,
+    most: Option<usize>,
     only: Option<&str>,
     tick: &(dyn Fn(&str, &ReadStep) + Sync),
 ) -> Result<Listed, Faults> {
@@ -49,6 +53,7 @@ pub fn list(
             continue;
         }
         let cover = runner.cover(&sheet);
+        let most = most.unwrap_or_else(|| runner.most_units(&sheet, Pace { task_s: TASK_S, at_once: 0 }));
         let found = runner.tasks_abroad(&sheet, &cover, most, None);
         let of_table: usize = found.iter().map(|h| h.task.units.len()).sum();
         if of_table > 0 {

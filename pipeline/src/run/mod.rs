@@ -1,6 +1,9 @@
 //! Running a plan: missing results are computed, the rest is reused, and failures are isolated.
 
 mod again;
+#[cfg(feature = "cluster")]
+pub mod ballista;
+mod children;
 mod compute;
 mod cut;
 mod engine;
@@ -22,12 +25,12 @@ mod trials;
 mod until;
 mod work;
 
-use std::{collections::HashMap, sync::atomic::Ordering, time::Instant};
+use std::{cell::OnceCell, collections::HashMap, sync::atomic::Ordering, time::Instant};
 
 use schemas::{Fault, Grain, InputKind};
 
 pub use again::{Compared, again};
-pub use engine::{Engine, Local, Wave};
+pub use engine::{Engine, Local, Pace, Wave};
 pub use events::{Count, Event, Listener, Outcome, Quiet};
 pub use failure::{Failure, said_once};
 pub use interrupt::{INTERRUPTED, STARTED};
@@ -45,7 +48,7 @@ use work::Worker;
 
 use crate::{
     clock,
-    cost::Watch,
+    cost::{Rates, Watch},
     keys::Key,
     plan::{Graph, LineId, Plan, Recorded, Ref, TableNode, Unit},
     sources::ReadStep,
@@ -242,7 +245,8 @@ fn once(
             runner.seconds.push((0, 0.0));
             continue;
         }
-        let before = watch.table(t);
+        // What other processes take is not seen from here.
+        let before = if options.engine.is_local() { watch.table(t) } else { None };
         let started = Instant::now();
         let (count, found) = runner.table(t);
         packs.push(found);
@@ -399,6 +403,8 @@ struct Runner<'a> {
     abroad: bool,
     /// The attempts at units that have no answer.
     attempts: HashMap<Key, Tries>,
+    /// What units take, once that is asked for.
+    rates: OnceCell<Rates>,
     states: States<'a>,
     /// The failures, each with its unit.
     failures: Vec<(Option<Unit>, Failure)>,
@@ -423,6 +429,7 @@ impl<'a> Runner<'a> {
             recorded,
             abroad: !options.engine.is_local(),
             attempts: store.attempts(),
+            rates: OnceCell::new(),
             states: States::new(graph),
             failures: vec![],
             seconds: vec![],

@@ -170,6 +170,7 @@ impl Listener for Relay<'_> {
             }
             Event::Computing { .. }
             | Event::Working { .. }
+            | Event::Waiting { .. }
             | Event::Searching { .. }
             | Event::Trials { .. }
             | Event::Publishing { .. }

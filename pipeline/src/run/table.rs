@@ -10,12 +10,13 @@ use schemas::{Fault, Grain};
 use super::{
     Looked, Outcome, Runner, State,
     cut::Cut,
-    engine::{Engine, Local, Wave},
+    engine::{Engine, Local, Pace, Wave},
     layout::{Cover, Layout, cover, scattered},
     task::{Task, TaskUnit},
     tell, unpublished,
 };
 use crate::{
+    cost::Rates,
     keys::Key,
     plan::{LineId, Unit},
     run::{Count, Event},
@@ -102,7 +103,8 @@ impl<'a> Runner<'a> {
             if let Err(fault) = self.store.write_index() {
                 self.failures.push((None, unpublished(fault)));
             }
-            let tasks = self.tasks_abroad(sheet, &before, engine.most_units(), self.recorded);
+            let most = self.most_units(sheet, engine.pace());
+            let tasks = self.tasks_abroad(sheet, &before, most, self.recorded);
             self.wave(engine, sheet, tasks, count);
             before = self.cover(sheet);
         }
@@ -163,6 +165,12 @@ impl<'a> Runner<'a> {
             Some(self.handed(sheet, None, false, at))
         };
         sheet.layout.chunks.iter().filter_map(of_chunk).collect()
+    }
+
+    /// How many units a task of the table should have.
+    pub(super) fn most_units(&self, sheet: &Sheet, pace: Pace) -> usize {
+        let rates = self.rates.get_or_init(|| Rates::new(self.store));
+        pace.units(sheet.pending(), rates.unit_s(self.graph, self.store, sheet.table))
     }
 
     /// What is to be computed in tasks of at most `most` units. A chunk that is computed as a whole becomes a file of the

@@ -141,6 +141,12 @@ impl<'a> Worker<'a> {
         self.store
     }
 
+    /// Tells that nothing goes on before there is `what`, or that it goes on.
+    #[cfg(feature = "cluster")]
+    pub fn waits(&self, what: Option<&str>) {
+        self.listener.hear(&Event::Waiting { what });
+    }
+
     /// What the stage of a table works on.
     pub fn grain(&self, table: usize) -> Grain {
         self.graph.plan.tables[table].entry.grain

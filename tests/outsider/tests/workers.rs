@@ -13,6 +13,11 @@ use std::{
 use arrow_array::{ArrayRef, Float64Array, RecordBatch, StringArray};
 use parquet::arrow::ArrowWriter;
 
+#[cfg(feature = "cluster")]
+#[allow(dead_code)]
+#[path = "../../cluster_support.rs"]
+mod cluster_support;
+
 /// Three lines at two points: one unit of six makes trouble.
 const SPEC: &str = r#"
 name  = "troubled"
@@ -88,14 +93,38 @@ fn counts(output: &Output) -> [u64; 4] {
     ["computed", "reused", "failed", "skipped"].map(of)
 }
 
+/// What becomes of each trouble where a worker is a process.
+const TROUBLES: [(&str, &str); 4] = [
+    ("fault", "trouble was asked for"),
+    ("panic", "the stage ended with a panic (trouble was asked for)"),
+    ("abort", "its worker was lost 3 times"),
+    ("hang", "its worker was lost 3 times"),
+];
+
+#[cfg(feature = "cluster")]
+#[test]
+fn user_a_cluster_outlives_any_unit() {
+    for (trouble, said) in TROUBLES {
+        let folder = scene(trouble);
+        let cluster = cluster_support::Cluster::new(env!("CARGO_BIN_EXE_troubled"), folder.path(), 2);
+        let engine = cluster.engine();
+        let mut args = vec!["run", "spec.toml", "--engine", &engine, "--json"];
+        if trouble == "hang" {
+            args.extend(["--unit-timeout", "3s"]);
+        }
+        let run = troubled(folder.path(), &args, "");
+        assert_eq!(run.status.code(), Some(1), "{trouble}: {}", text(&run));
+        assert!(text(&run).contains(said), "{trouble}: {} {}", text(&run), cluster.said());
+        assert_eq!(counts(&run), [8, 0, 1, 0], "{trouble}: {}", text(&run));
+        // The workers live, and take up the next run, which tries no more than is worth it.
+        let again = troubled(folder.path(), &args, "");
+        assert_eq!((again.status.code(), counts(&again)), (Some(1), [0, 8, 1, 0]), "{trouble}: {}", text(&again));
+    }
+}
+
 #[test]
 fn user_the_engine_of_processes_outlives_any_unit() {
-    for (trouble, said) in [
-        ("fault", "trouble was asked for"),
-        ("panic", "the stage ended with a panic (trouble was asked for)"),
-        ("abort", "its worker was lost 3 times"),
-        ("hang", "its worker was lost 3 times"),
-    ] {
+    for (trouble, said) in TROUBLES {
         let folder = scene(trouble);
         let mut args = vec!["run", "spec.toml", "--engine", "processes", "--threads", "2", "--json"];
         if trouble == "hang" {

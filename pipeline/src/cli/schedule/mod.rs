@@ -215,6 +215,7 @@ impl Listener for ButTheEnd<'_> {
             | Event::Started { .. }
             | Event::Computing { .. }
             | Event::Working { .. }
+            | Event::Waiting { .. }
             | Event::Unit { .. }
             | Event::Searching { .. }
             | Event::Trials { .. }

@@ -315,6 +315,7 @@ impl Listener for Watch {
             Event::Reading { .. }
             | Event::Unit { .. }
             | Event::Working { .. }
+            | Event::Waiting { .. }
             | Event::Searching { .. }
             | Event::Trials { .. }
             | Event::Publishing { .. }

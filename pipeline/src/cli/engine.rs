@@ -1,0 +1,150 @@
+//! `--engine`: what computes a run.
+
+use std::time::Duration;
+
+use clap::Args;
+use url::Url;
+
+use super::{Stop, tend, threads};
+use crate::run;
+
+/// The port of a scheduler that is named without one.
+const PORT: u16 = 50050;
+
+/// What computes a run, and its limits.
+#[derive(Args)]
+pub struct EngineArgs {
+    /// The engine: `local`, the threads of this process; `processes`, as many processes of one thread, so that a unit that kills
+    /// its worker or takes too long takes nothing else with it; or `ballista://HOST:PORT`, the workers of a cluster. Results do
+    /// not depend on it.
+    #[arg(long, value_name = "ENGINE", default_value = "local", value_parser = named)]
+    engine: EngineName,
+    /// The longest time of a unit, such as 90s or 2h, with `--engine processes` or a cluster: a thread cannot be stopped.
+    #[arg(long, value_name = "TIME", value_parser = tend::age)]
+    unit_timeout: Option<Duration>,
+    /// How often a unit is tried again after its worker was lost; see `magline task`.
+    #[arg(long, value_name = "N", default_value_t = run::RETRIES)]
+    pub retries: usize,
+    /// With a cluster: how long to wait for a worker, or for a scheduler that is gone, before the rest is given up.
+    #[cfg(feature = "cluster")]
+    #[arg(long, value_name = "TIME", default_value = "60s", value_parser = tend::age)]
+    patience: Duration,
+}
+
+/// What computes a run.
+#[derive(Clone, Debug, PartialEq, Eq)]
+enum EngineName {
+    /// The threads of this process.
+    Local,
+    /// Processes of this program.
+    Processes,
+    /// The cluster of a scheduler at HOST:PORT.
+    Ballista(String),
+}
+
+/// Reads the value of `--engine`.
+fn named(text: &str) -> Result<EngineName, String> {
+    match text {
+        "local" => Ok(EngineName::Local),
+        "processes" => Ok(EngineName::Processes),
+        url if url.starts_with("ballista:") => authority(url).map(|(host, port)| EngineName::Ballista(at(&host, port))),
+        _ => Err("the engines are `local`, `processes` and `ballista://HOST:PORT`".to_owned()),
+    }
+}
+
+/// HOST:PORT.
+pub fn at(host: &str, port: u16) -> String {
+    format!("{host}:{port}")
+}
+
+/// The host and port of `ballista://HOST:PORT`; an address of IPv6 is in brackets.
+fn authority(text: &str) -> Result<(String, u16), String> {
+    let wrong = || format!("`{text}` names no scheduler: write ballista://HOST:PORT");
+    let url = Url::parse(text).map_err(|e| format!("{}: {e}", wrong()))?;
+    let bare = url.username().is_empty() && url.password().is_none() && url.query().is_none();
+    let bare = bare && url.fragment().is_none() && matches!(url.path(), "" | "/");
+    match url.host_str().filter(|host| !host.is_empty() && bare && url.scheme() == "ballista") {
+        Some(host) => Ok((host.to_owned(), url.port().unwrap_or(PORT))),
+        None => Err(wrong()),
+    }
+}
+
+/// Reads HOST:PORT.
+#[cfg(feature = "cluster")]
+pub fn scheduler(text: &str) -> Result<(String, u16), String> {
+    authority(&format!("ballista://{text}")).map_err(|_| format!("`{text}` names no scheduler: write HOST:PORT"))
+}
+
+/// The engine that was asked for, of so many threads or processes.
+pub fn engine(args: &EngineArgs, threads: Option<usize>) -> Result<Box<dyn run::Engine>, Stop> {
+    let unit_timeout = args.unit_timeout;
+    match &args.engine {
+        EngineName::Local if unit_timeout.is_none() => Ok(Box::new(run::Local)),
+        EngineName::Local => Err(Stop::Wrong(
+            "error: the engine `local` cannot stop a unit that takes too long\n  help: use `--engine processes` with \
+             `--unit-timeout`"
+                .to_owned(),
+        )),
+        EngineName::Processes => {
+            let program = program()?;
+            let count = threads.unwrap_or_else(threads::cores);
+            Ok(Box::new(run::Processes { program, count, retries: args.retries, unit_timeout }))
+        }
+        #[cfg(feature = "cluster")]
+        EngineName::Ballista(authority) => {
+            let limits = run::ballista::Limits { retries: args.retries, unit_timeout, patience: args.patience };
+            Ok(Box::new(run::ballista::Ballista::connect(authority, limits)?))
+        }
+        #[cfg(not(feature = "cluster"))]
+        EngineName::Ballista(_) => Err(without_cluster()),
+    }
+}
+
+/// This program.
+pub fn program() -> Result<std::path::PathBuf, Stop> {
+    std::env::current_exe().map_err(|e| Stop::Failed(format!("error: cannot find this program: {e}")))
+}
+
+/// A program that cannot be part of a cluster.
+#[cfg(not(feature = "cluster"))]
+pub fn without_cluster() -> Stop {
+    Stop::Wrong(
+        "error: this magline was built without clusters\n  help: build it with `cargo build --features cluster`, or use \
+         `--engine processes`"
+            .to_owned(),
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn unit_engines_are_read_and_what_is_none_is_refused() {
+        let ballista = |text: &str| Ok(EngineName::Ballista(text.to_owned()));
+        assert_eq!(named("local"), Ok(EngineName::Local));
+        assert_eq!(named("processes"), Ok(EngineName::Processes));
+        assert_eq!(named("ballista://node-7.cluster:4711"), ballista("node-7.cluster:4711"));
+        assert_eq!(named("ballista://10.0.0.1"), ballista("10.0.0.1:50050"));
+        assert_eq!(named("ballista://[::1]:7/"), ballista("[::1]:7"));
+        for wrong in [
+            "",
+            "Local",
+            "spark://x:1",
+            "ballista",
+            "ballista:",
+            "ballista://",
+            "ballista:x:1",
+            "ballista://:50050",
+            "ballista://x:port",
+            "ballista://x:70000",
+            "ballista://x:1/queue",
+            "ballista://me@x:1",
+            "ballista://x:1?a=b",
+            "ballista://x:1#a",
+        ] {
+            let said = named(wrong).unwrap_err();
+            assert!(said.contains("ballista://HOST:PORT"), "{wrong}: {said}");
+        }
+    }
+}

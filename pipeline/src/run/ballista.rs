@@ -1,0 +1,140 @@
+//! The engine `ballista`: tasks go to the workers of a cluster, through Ballista's scheduler.
+//!
+//! Ballista places tasks, notices workers that are lost, and gives what they had to others. All else is done here: nothing is
+//! handed out while there is no worker; a job is some tasks of one wave, so that receipts come all the time and what goes wrong
+//! with a job costs no other; what came to nothing is handed out again; and the store says what is done where an
+//! answer is lost. `pipeline/CLUSTER.md` says what happens when.
+
+mod client;
+mod scheduler;
+mod units;
+mod wave;
+mod worker;
+
+use std::time::{Duration, Instant};
+
+use ballista_core::ids::new_instance_id;
+use schemas::Fault;
+use tokio::runtime::{Builder, Runtime};
+
+use self::{
+    client::{Scheduler, Seen, Trouble},
+    wave::Handing,
+};
+pub use self::{
+    scheduler::{Listening, listen},
+    worker::{Config as WorkerConfig, Ended, Hear, work},
+};
+use super::{
+    engine::{Engine, Pace, Wave},
+    task::Receipt,
+};
+
+/// What a task costs a worker beside its work, s: `pipeline/CLUSTER.md`.
+const TASK_S: f64 = 0.012;
+
+/// The cluster of a scheduler.
+pub struct Ballista {
+    scheduler: Scheduler,
+    runtime: Runtime,
+    /// This driver, as the scheduler knows it.
+    session: String,
+    seen: Seen,
+    limits: Limits,
+}
+
+/// The limits of what is handed out.
+#[derive(Clone, Copy, Debug)]
+pub struct Limits {
+    /// How often a unit is tried again after its worker was lost.
+    pub retries: usize,
+    /// The longest time of a unit.
+    pub unit_timeout: Option<Duration>,
+    /// How long to wait for a worker, or for a scheduler that is gone.
+    pub patience: Duration,
+}
+
+impl Ballista {
+    /// The cluster of the scheduler at HOST:PORT.
+    ///
+    /// # Errors
+    /// Fails when the scheduler does not answer, or is another version.
+    pub fn connect(authority: &str, limits: Limits) -> Result<Ballista, Fault> {
+        let scheduler = Scheduler::at(authority);
+        let seen = scheduler.look().map_err(|why| why.fault(authority))?;
+        Ok(Ballista { scheduler, runtime: runtime()?, session: new_instance_id(), seen, limits })
+    }
+}
+
+impl Engine for Ballista {
+    fn is_local(&self) -> bool {
+        false
+    }
+
+    fn pace(&self) -> Pace {
+        Pace { task_s: TASK_S, at_once: self.seen.cores }
+    }
+
+    fn run(&self, wave: &Wave) -> Vec<Option<Receipt>> {
+        Handing::new(self, wave).run()
+    }
+}
+
+/// Waits until a scheduler answers that is of this version; `waits` is called once, if there is none yet.
+///
+/// # Errors
+/// Fails when it is another version.
+pub fn await_scheduler(authority: &str, waits: impl FnOnce(&str)) -> Result<(), Fault> {
+    const AGAIN_AFTER: Duration = Duration::from_millis(500);
+    let scheduler = Scheduler::at(authority);
+    let mut waits = Some(waits);
+    loop {
+        match scheduler.name() {
+            Ok(_) => return Ok(()),
+            Err(why @ Trouble::Other(_)) => return Err(why.fault(authority)),
+            Err(Trouble::Silent(why)) => {
+                waits.take().into_iter().for_each(|waits| waits(&why));
+                std::thread::sleep(AGAIN_AFTER);
+            }
+        }
+    }
+}
+
+fn runtime() -> Result<Runtime, Fault> {
+    let runtime = Builder::new_multi_thread().enable_all().build();
+    runtime.map_err(|e| Fault::machine(format!("cannot start threads: {e}")))
+}
+
+/// Comes to its end when the process is told to stop.
+async fn told_to_stop() {
+    use tokio::signal::unix::{SignalKind, signal};
+    let told = |kind: SignalKind| async move {
+        match signal(kind) {
+            Ok(mut told) => told.recv().await,
+            // It ends by the signal then.
+            Err(_) => std::future::pending().await,
+        }
+    };
+    tokio::select! {
+        _ = told(SignalKind::interrupt()) => {}
+        _ = told(SignalKind::terminate()) => {}
+    }
+}
+
+/// A time that goes on until something is seen.
+#[derive(Clone, Copy, Debug)]
+struct Since(Instant);
+
+impl Since {
+    fn now() -> Since {
+        Since(Instant::now())
+    }
+
+    fn seen(&mut self) {
+        *self = Since::now();
+    }
+
+    fn longer_than(self, time: Duration) -> bool {
+        self.0.elapsed() > time
+    }
+}

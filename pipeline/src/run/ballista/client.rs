@@ -1,0 +1,199 @@
+//! A driver's and a worker's view of a scheduler: its state and its jobs by HTTP, and jobs that are handed to it.
+
+use std::{sync::Arc, time::Duration};
+
+use ballista_core::{
+    config::BALLISTA_SCHEDULER_MAX_PARTITIONS_PER_TASK, execution_plans::execute_physical_plan,
+    extension::SessionConfigExt,
+};
+use datafusion::{
+    datasource::{memory::MemorySourceConfig, source::DataSourceExec},
+    error::{DataFusionError, Result},
+    physical_plan::{ExecutionPlan, common::collect},
+    prelude::SessionConfig,
+};
+use datafusion_proto::protobuf::PhysicalPlanNode;
+use schemas::Fault;
+use serde_json::Value;
+
+use super::units::{Answered, Codec, Handed, Units, handed_schema};
+use crate::run::task::VERSION;
+
+/// The longest that a question may take.
+const ANSWER: Duration = Duration::from_secs(5);
+
+/// What begins the name of each scheduler and worker, before its version.
+const NAMED: &str = "magline-";
+
+/// The name of a scheduler or a worker, which says its version.
+pub fn named(rest: &str) -> String {
+    format!("{NAMED}{VERSION}-{rest}")
+}
+
+/// Whether a scheduler or a worker is of this version.
+fn is_ours(name: &str) -> bool {
+    name.strip_prefix(NAMED).and_then(|rest| rest.strip_prefix(VERSION)).is_some_and(|rest| rest.starts_with('-'))
+}
+
+/// The version in the name of a scheduler or a worker.
+fn version_of(name: &str) -> Option<&str> {
+    name.strip_prefix(NAMED)?.split('-').next()
+}
+
+/// A scheduler.
+#[derive(Clone, Debug)]
+pub struct Scheduler {
+    /// HOST:PORT.
+    pub authority: String,
+    agent: ureq::Agent,
+}
+
+/// Why a scheduler is not to be worked with.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Trouble {
+    /// It does not answer.
+    Silent(String),
+    /// It is another version, or none of magline's.
+    Other(String),
+}
+
+/// A scheduler and its workers as they were seen.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Seen {
+    /// The scheduler's name, another one each time it is started.
+    pub scheduler: String,
+    /// The cores of the workers of this version.
+    pub cores: usize,
+    /// Workers that are another version.
+    pub others: Vec<String>,
+}
+
+impl Trouble {
+    /// What a user is told of it.
+    pub fn fault(&self, authority: &str) -> Fault {
+        match self {
+            Trouble::Silent(why) => {
+                let fault = Fault::machine(format!("cannot reach the scheduler at {authority}: {why}"));
+                fault.help(format!("start it with `magline scheduler --bind {authority}`"))
+            }
+            Trouble::Other(what) => {
+                let fault = Fault::new(format!("the scheduler at {authority} is {what}; this is magline {VERSION}"));
+                fault.help("use the same program for scheduler, workers and runs")
+            }
+        }
+    }
+}
+
+impl Scheduler {
+    /// At HOST:PORT.
+    pub fn at(authority: &str) -> Scheduler {
+        let agent = ureq::Agent::config_builder().timeout_global(Some(ANSWER)).build().into();
+        Scheduler { authority: authority.to_owned(), agent }
+    }
+
+    /// `http://HOST:PORT`.
+    pub fn url(&self) -> String {
+        format!("http://{}", self.authority)
+    }
+
+    fn ask(&self, path: &str) -> std::result::Result<Value, String> {
+        let text = self
+            .agent
+            .get(format!("{}/api/{path}", self.url()))
+            .call()
+            .and_then(|mut answer| answer.body_mut().read_to_string())
+            .map_err(|e| e.to_string())?;
+        serde_json::from_str(&text).map_err(|_| "what answers is no scheduler of Ballista".to_owned())
+    }
+
+    /// The scheduler's name, when it is of this version.
+    ///
+    /// # Errors
+    /// Fails when it does not answer, or is another version.
+    pub fn name(&self) -> std::result::Result<String, Trouble> {
+        let state = self.ask("state").map_err(Trouble::Silent)?;
+        let name = state.get("scheduler_id").and_then(Value::as_str).unwrap_or_default();
+        match version_of(name) {
+            _ if is_ours(name) => Ok(name.to_owned()),
+            Some(version) => Err(Trouble::Other(format!("magline {version}"))),
+            None => Err(Trouble::Other("not one of magline's".to_owned())),
+        }
+    }
+
+    /// The scheduler and its workers.
+    ///
+    /// # Errors
+    /// As [`Scheduler::name`].
+    pub fn look(&self) -> std::result::Result<Seen, Trouble> {
+        let mut seen = Seen { scheduler: self.name()?, ..Seen::default() };
+        let workers = self.ask("executors").map_err(Trouble::Silent)?;
+        for worker in workers.as_array().into_iter().flatten() {
+            let name = worker.get("id").and_then(Value::as_str).unwrap_or_default();
+            let cores = worker.pointer("/specification/vcores").and_then(Value::as_u64).unwrap_or(0);
+            if is_ours(name) {
+                seen.cores += usize::try_from(cores).unwrap_or(0);
+            } else {
+                seen.others.push(format!("{name} (magline {})", version_of(name).unwrap_or("?")));
+            }
+        }
+        Ok(seen)
+    }
+
+    /// The identifiers of the jobs that are called so and are not over, with their names.
+    pub fn jobs(&self, is_wanted: impl Fn(&str) -> bool) -> Vec<(String, String)> {
+        let jobs = self.ask("jobs").unwrap_or_default();
+        let text = |job: &Value, key: &str| job.get(key).and_then(Value::as_str).unwrap_or_default().to_owned();
+        let jobs = jobs.as_array().into_iter().flatten();
+        let going = jobs.filter(|job| matches!(text(job, "status").as_str(), "Queued" | "Running"));
+        going.map(|job| (text(job, "job_id"), text(job, "job_name"))).filter(|(_, name)| is_wanted(name)).collect()
+    }
+
+    /// Whether a worker computes something of a job, as far as the scheduler knows.
+    pub fn is_at_work(&self, job: &str) -> bool {
+        let Ok(stages) = self.ask(&format!("job/{job}/stages")) else { return false };
+        let stages = stages.get("stages").and_then(Value::as_array).into_iter().flatten();
+        let tasks = stages.filter_map(|stage| stage.get("tasks")?.as_array()).flatten();
+        tasks.filter_map(|task| task.get("status")).any(|status| status == "Running")
+    }
+
+    /// Cancels a job. What cannot be cancelled ends by itself, and its results are kept.
+    pub fn cancel(&self, job: &str) {
+        let _ = self.agent.patch(format!("{}/api/job/{job}", self.url())).send_empty();
+    }
+}
+
+/// Has tasks computed as the job `name`, one task of Ballista for each partition of `parts`.
+///
+/// # Errors
+/// Fails when the scheduler cannot be reached, and when the job fails or is cancelled.
+pub async fn job(url: String, session: String, name: String, parts: Vec<Vec<Handed>>) -> Result<Vec<Answered>> {
+    let config = SessionConfig::new_with_ballista()
+        .set_usize(BALLISTA_SCHEDULER_MAX_PARTITIONS_PER_TASK, 1)
+        .with_ballista_job_name(&name);
+    let parts = parts.iter().map(|tasks| Ok(vec![Handed::rows(tasks)?])).collect::<Result<Vec<_>>>()?;
+    let leaf = DataSourceExec::from_data_source(MemorySourceConfig::try_new(&parts, handed_schema(), None)?);
+    let units: Arc<dyn ExecutionPlan> = Arc::new(Units::new(leaf));
+    let (settings, codec) = (config.ballista_config(), Codec::default());
+    let rows = execute_physical_plan::<PhysicalPlanNode>(url, &settings, units, &codec, session, config).await?;
+    let rows = collect(rows).await?;
+    let answers: Option<Vec<Vec<Answered>>> = rows.iter().map(Answered::read).collect();
+    let answers = answers.ok_or_else(|| DataFusionError::Execution("what came back are no answers".to_owned()))?;
+    Ok(answers.into_iter().flatten().collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn unit_names_say_the_version() {
+        let own = named("node7-4711");
+        assert!(is_ours(&own) && version_of(&own) == Some(VERSION));
+        for other in
+            [format!("magline-{VERSION}1-x"), "magline-9.9.9-x".to_owned(), "executor".to_owned(), String::new()]
+        {
+            assert!(!is_ours(&other), "{other}");
+        }
+        assert_eq!(version_of("magline-9.9.9-x-y"), Some("9.9.9"));
+    }
+}

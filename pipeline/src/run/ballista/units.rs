@@ -1,0 +1,359 @@
+//! What travels through Ballista: tasks in, receipts out, and the node of a plan between them.
+//!
+//! The leaf of a plan is a source in memory with tasks as rows, since Ballista cuts only leaves that it knows into the partitions
+//! of its tasks; the node above it has the same partitions. The scheduler decodes and encodes the node without computing
+//! anything. A worker never fails a partition, which would fail the job: what goes wrong is a row.
+
+use std::{
+    fmt,
+    sync::{Arc, OnceLock},
+    thread,
+    time::Duration,
+};
+
+use arrow_array::{Array, ArrayRef, RecordBatch, StringArray, UInt64Array, cast::AsArray, types::UInt64Type};
+use arrow_schema::{DataType, Field, Schema, SchemaRef};
+use ballista_core::serde::BallistaPhysicalExtensionCodec;
+use datafusion::{
+    common::{exec_err, tree_node::TreeNodeRecursion},
+    error::{DataFusionError, Result},
+    execution::TaskContext,
+    physical_expr::{EquivalenceProperties, PhysicalExpr},
+    physical_plan::{
+        DisplayAs, DisplayFormatType, ExecutionPlan, PlanProperties, SendableRecordBatchStream,
+        execution_plan::{Boundedness, EmissionType},
+        stream::RecordBatchStreamAdapter,
+    },
+};
+use datafusion_proto::physical_plan::{PhysicalExtensionCodec, PhysicalProtoConverterExtension};
+use futures::TryStreamExt;
+
+use crate::run::{children::Leash, task::VERSION};
+
+/// How long a worker process that is told to stop has to finish its unit.
+const GRACE: Duration = Duration::from_secs(10);
+
+/// A task as it travels.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Handed {
+    /// Its hash.
+    pub id: String,
+    /// The wave: the tasks of a table in a run.
+    pub wave: String,
+    /// How often a unit is tried again after its worker was lost.
+    pub retries: u64,
+    /// The longest time of a unit, s; 0 where there is none.
+    pub unit_timeout_s: u64,
+    /// The task, in JSON.
+    pub task: String,
+}
+
+/// The answer to a task as it travels.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Answered {
+    /// The hash of the task.
+    pub id: String,
+    /// The worker.
+    pub worker: String,
+    /// The receipt, in JSON; none where it was refused.
+    pub receipt: Option<String>,
+    /// Why the worker did not look at it.
+    pub refused: Option<String>,
+}
+
+fn schema(fields: &[(&str, DataType)]) -> SchemaRef {
+    Arc::new(Schema::new(fields.iter().map(|(name, kind)| Field::new(*name, kind.clone(), true)).collect::<Vec<_>>()))
+}
+
+/// The columns of tasks.
+pub fn handed_schema() -> SchemaRef {
+    use DataType::{UInt64, Utf8};
+    schema(&[("id", Utf8), ("wave", Utf8), ("retries", UInt64), ("unit_timeout_s", UInt64), ("task", Utf8)])
+}
+
+fn answered_schema() -> SchemaRef {
+    use DataType::Utf8;
+    schema(&[("id", Utf8), ("worker", Utf8), ("receipt", Utf8), ("refused", Utf8)])
+}
+
+fn texts<'a>(values: impl Iterator<Item = Option<&'a str>>) -> ArrayRef {
+    Arc::new(values.collect::<StringArray>())
+}
+
+fn text(rows: &RecordBatch, column: &str, row: usize) -> Option<String> {
+    let array = rows.column_by_name(column)?.as_string_opt::<i32>()?;
+    (row < array.len() && array.is_valid(row)).then(|| array.value(row).to_owned())
+}
+
+fn number(rows: &RecordBatch, column: &str, row: usize) -> Option<u64> {
+    let array = rows.column_by_name(column)?.as_primitive_opt::<UInt64Type>()?;
+    (row < array.len() && array.is_valid(row)).then(|| array.value(row))
+}
+
+impl Handed {
+    /// Tasks as rows.
+    ///
+    /// # Errors
+    /// Fails when Arrow refuses the columns.
+    pub fn rows(all: &[Handed]) -> Result<RecordBatch> {
+        let numbers = |of: fn(&Handed) -> u64| Arc::new(all.iter().map(of).collect::<UInt64Array>()) as ArrayRef;
+        let columns = vec![
+            texts(all.iter().map(|h| Some(h.id.as_str()))),
+            texts(all.iter().map(|h| Some(h.wave.as_str()))),
+            numbers(|h| h.retries),
+            numbers(|h| h.unit_timeout_s),
+            texts(all.iter().map(|h| Some(h.task.as_str()))),
+        ];
+        Ok(RecordBatch::try_new(handed_schema(), columns)?)
+    }
+
+    /// The tasks of some rows.
+    fn read(rows: &RecordBatch) -> Option<Vec<Handed>> {
+        let one = |i: usize| {
+            Some(Handed {
+                id: text(rows, "id", i)?,
+                wave: text(rows, "wave", i)?,
+                retries: number(rows, "retries", i)?,
+                unit_timeout_s: number(rows, "unit_timeout_s", i)?,
+                task: text(rows, "task", i)?,
+            })
+        };
+        (0..rows.num_rows()).map(one).collect()
+    }
+}
+
+impl Answered {
+    fn rows(all: &[Answered]) -> Result<RecordBatch> {
+        let columns = vec![
+            texts(all.iter().map(|a| Some(a.id.as_str()))),
+            texts(all.iter().map(|a| Some(a.worker.as_str()))),
+            texts(all.iter().map(|a| a.receipt.as_deref())),
+            texts(all.iter().map(|a| a.refused.as_deref())),
+        ];
+        Ok(RecordBatch::try_new(answered_schema(), columns)?)
+    }
+
+    /// The answers of some rows; none where they are not answers.
+    pub fn read(rows: &RecordBatch) -> Option<Vec<Answered>> {
+        let one = |i: usize| {
+            Some(Answered {
+                id: text(rows, "id", i)?,
+                worker: text(rows, "worker", i)?,
+                receipt: text(rows, "receipt", i),
+                refused: text(rows, "refused", i),
+            })
+        };
+        (0..rows.num_rows()).map(one).collect()
+    }
+}
+
+/// What computes tasks in a worker.
+pub trait Compute: Send + Sync {
+    /// Answers tasks that a program of the version `version` has handed out, each once or not at all where it is told to stop.
+    fn answers(&self, tasks: Vec<Handed>, version: &str, leash: &Leash) -> Vec<Answered>;
+}
+
+/// What computes tasks in this process; nothing in a scheduler or a driver.
+pub static COMPUTE: OnceLock<Box<dyn Compute>> = OnceLock::new();
+
+/// Stops the work when its partition is cancelled.
+struct Tether(Option<Leash>);
+
+impl Drop for Tether {
+    fn drop(&mut self) {
+        if let Some(leash) = self.0.take() {
+            leash.stop();
+            thread::spawn(move || {
+                thread::sleep(GRACE);
+                leash.kill();
+            });
+        }
+    }
+}
+
+async fn computed(rows: RecordBatch, version: String) -> Result<RecordBatch> {
+    let Some(compute) = COMPUTE.get() else { return exec_err!("this process computes no tasks") };
+    let Some(tasks) = Handed::read(&rows) else { return exec_err!("what was handed out are not tasks of magline") };
+    let leash = Leash::default();
+    let mut tether = Tether(Some(leash.clone()));
+    let answers = tokio::task::spawn_blocking(move || compute.answers(tasks, &version, &leash)).await;
+    tether.0.take();
+    Answered::rows(&answers.map_err(|e| DataFusionError::External(Box::new(e)))?)
+}
+
+/// The node that computes tasks: rows of tasks in, rows of answers out.
+#[derive(Debug)]
+pub struct Units {
+    input: Arc<dyn ExecutionPlan>,
+    /// The version of the program that made the plan.
+    version: String,
+    properties: Arc<PlanProperties>,
+}
+
+impl Units {
+    /// Above a source of tasks, by this version.
+    pub fn new(input: Arc<dyn ExecutionPlan>) -> Units {
+        Units::of(input, VERSION.to_owned())
+    }
+
+    fn of(input: Arc<dyn ExecutionPlan>, version: String) -> Units {
+        // The scheduler cuts the input, so that its partitions are found anew each time.
+        let partitions = input.properties().output_partitioning().clone();
+        let equal = EquivalenceProperties::new(answered_schema());
+        let properties = PlanProperties::new(equal, partitions, EmissionType::Incremental, Boundedness::Bounded);
+        Units { input, version, properties: Arc::new(properties) }
+    }
+}
+
+impl DisplayAs for Units {
+    fn fmt_as(&self, _: DisplayFormatType, f: &mut fmt::Formatter) -> fmt::Result {
+        write!(f, "magline units, {}", self.version)
+    }
+}
+
+impl ExecutionPlan for Units {
+    fn name(&self) -> &'static str {
+        "MaglineUnits"
+    }
+
+    fn properties(&self) -> &Arc<PlanProperties> {
+        &self.properties
+    }
+
+    fn children(&self) -> Vec<&Arc<dyn ExecutionPlan>> {
+        vec![&self.input]
+    }
+
+    fn benefits_from_input_partitioning(&self) -> Vec<bool> {
+        vec![false]
+    }
+
+    fn apply_expressions(
+        &self,
+        _: &mut dyn FnMut(&Arc<dyn PhysicalExpr>) -> Result<TreeNodeRecursion>,
+    ) -> Result<TreeNodeRecursion> {
+        Ok(TreeNodeRecursion::Continue)
+    }
+
+    fn with_new_children(self: Arc<Self>, mut children: Vec<Arc<dyn ExecutionPlan>>) -> Result<Arc<dyn ExecutionPlan>> {
+        match children.pop() {
+            Some(input) if children.is_empty() => Ok(Arc::new(Units::of(input, self.version.clone()))),
+            _ => exec_err!("units of magline have one input"),
+        }
+    }
+
+    fn execute(&self, partition: usize, context: Arc<TaskContext>) -> Result<SendableRecordBatchStream> {
+        let version = self.version.clone();
+        let rows = self.input.execute(partition, context)?.and_then(move |rows| computed(rows, version.clone()));
+        Ok(Box::pin(RecordBatchStreamAdapter::new(answered_schema(), rows)))
+    }
+}
+
+/// What begins our node among the messages of a plan: no message of Ballista begins with a zero.
+const MARK: &str = "\0magline ";
+
+/// Our node beside those of Ballista.
+///
+/// A scheduler and a driver refuse a node of another version. A worker reads it: it says in its answers that it refuses the tasks,
+/// where a failure would be one of the whole job.
+#[derive(Debug, Default)]
+pub struct Codec {
+    ballista: BallistaPhysicalExtensionCodec,
+    /// Whether nodes of other versions are read.
+    lenient: bool,
+}
+
+impl Codec {
+    /// Of a worker.
+    pub fn of_worker() -> Codec {
+        Codec { lenient: true, ..Codec::default() }
+    }
+}
+
+impl PhysicalExtensionCodec for Codec {
+    fn try_decode(
+        &self,
+        bytes: &[u8],
+        inputs: &[Arc<dyn ExecutionPlan>],
+        context: &TaskContext,
+        converter: &dyn PhysicalProtoConverterExtension,
+    ) -> Result<Arc<dyn ExecutionPlan>> {
+        let version = std::str::from_utf8(bytes).ok().and_then(|text| text.strip_prefix(MARK));
+        match (version, inputs) {
+            (Some(version), [input]) if version == VERSION || self.lenient => {
+                Ok(Arc::new(Units::of(input.clone(), version.to_owned())))
+            }
+            (Some(version), [_]) => {
+                exec_err!("the run is of magline {version}, and the scheduler is magline {VERSION}: use one of them")
+            }
+            (Some(_), _) => exec_err!("units of magline have one input"),
+            (None, _) => self.ballista.try_decode(bytes, inputs, context, converter),
+        }
+    }
+
+    fn try_encode(
+        &self,
+        node: Arc<dyn ExecutionPlan>,
+        bytes: &mut Vec<u8>,
+        converter: &dyn PhysicalProtoConverterExtension,
+    ) -> Result<()> {
+        match node.downcast_ref::<Units>() {
+            Some(units) => bytes.extend_from_slice(format!("{MARK}{}", units.version).as_bytes()),
+            None => return self.ballista.try_encode(node, bytes, converter),
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use datafusion::datasource::{memory::MemorySourceConfig, source::DataSourceExec};
+    use datafusion_proto::physical_plan::DefaultPhysicalProtoConverter;
+
+    use super::*;
+
+    fn task(id: &str) -> Handed {
+        let (id, wave, task) = (id.to_owned(), "w".to_owned(), "{\"task\":1}".to_owned());
+        Handed { id, wave, retries: 2, unit_timeout_s: 0, task }
+    }
+
+    #[test]
+    fn unit_tasks_and_answers_are_read_as_they_are_written() {
+        let tasks = [task("a"), Handed { unit_timeout_s: 7, ..task("b\n\"") }];
+        let rows = Handed::rows(&tasks).unwrap();
+        assert_eq!(Handed::read(&rows).unwrap(), tasks);
+        let answer = |id: &str, receipt: Option<&str>| {
+            let refused = if receipt.is_none() { Some("no".to_owned()) } else { None };
+            Answered { id: id.to_owned(), worker: "w".to_owned(), receipt: receipt.map(str::to_owned), refused }
+        };
+        let answers = [answer("a", Some("{}")), answer("b", None)];
+        assert_eq!(Answered::read(&Answered::rows(&answers).unwrap()).unwrap(), answers);
+        assert!(Answered::read(&rows).is_none() && Handed::read(&Answered::rows(&answers).unwrap()).is_none());
+    }
+
+    #[test]
+    fn unit_a_node_of_another_version_is_refused_by_a_scheduler_and_read_by_a_worker() {
+        let parts = vec![vec![Handed::rows(&[task("a")]).unwrap()], vec![Handed::rows(&[task("b")]).unwrap()]];
+        let leaf = MemorySourceConfig::try_new(&parts, handed_schema(), None).unwrap();
+        let leaf = DataSourceExec::from_data_source(leaf) as Arc<dyn ExecutionPlan>;
+        let node = Arc::new(Units::of(leaf.clone(), "9.9.9".to_owned()));
+        assert_eq!(node.properties().output_partitioning().partition_count(), 2);
+        let (strict, worker) = (Codec::default(), Codec::of_worker());
+        let converter = DefaultPhysicalProtoConverter {};
+        let mut bytes = vec![];
+        strict.try_encode(node, &mut bytes, &converter).unwrap();
+        let context = TaskContext::default();
+        let refused =
+            strict.try_decode(&bytes, std::slice::from_ref(&leaf), &context, &converter).unwrap_err().to_string();
+        assert!(refused.contains("9.9.9") && refused.contains(VERSION) && !refused.contains("bug"), "{refused}");
+        let read = worker.try_decode(&bytes, std::slice::from_ref(&leaf), &context, &converter).unwrap();
+        // It is handed on as what it is.
+        let mut again = vec![];
+        worker.try_encode(read, &mut again, &converter).unwrap();
+        assert_eq!(again, bytes);
+        assert!(worker.try_decode(&bytes, &[], &context, &converter).is_err());
+        assert!(strict.try_decode(b"\0else", &[leaf], &context, &converter).is_err());
+    }
+}

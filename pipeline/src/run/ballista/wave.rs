@@ -1,0 +1,515 @@
+//! The tasks of a wave, handed to a cluster until all have their answers.
+
+use std::{
+    collections::{BTreeMap, VecDeque},
+    sync::{
+        atomic::Ordering,
+        mpsc::{Receiver, RecvTimeoutError, Sender, channel},
+    },
+    time::{Duration, Instant},
+};
+
+use schemas::Fault;
+use uuid::Uuid;
+
+use super::{
+    Ballista, Since,
+    client::{Seen, Trouble, job},
+    units::{Answered, Handed},
+};
+use crate::run::{
+    children::failed,
+    compute::pack_of,
+    engine::Wave,
+    events::Outcome,
+    interrupt::INTERRUPTED,
+    task::{Answer, Receipt, Task, TaskUnit},
+};
+
+/// What a job costs its worker and the scheduler beside its work, s: `pipeline/CLUSTER.md`.
+const JOB_S: f64 = 0.025;
+/// The part of the work that it may cost.
+const MOST_BESIDE: f64 = 0.04;
+/// What the scheduler takes for a job, s: it does one after another.
+const SCHEDULING_S: f64 = 0.02;
+/// Jobs for each core: one is at work, and the next is there.
+const JOBS_A_CORE: usize = 2;
+/// The most tasks of a job, and the most of their text.
+const MOST_TASKS: usize = 256;
+const MOST_BYTES: usize = 1 << 20;
+/// How often a task is handed out that comes to nothing.
+const MOST_TRIES: usize = 4;
+/// How often the scheduler may be gone and come back in a wave.
+const MOST_RESTARTS: usize = 20;
+/// The interval of looking at the cluster.
+const LOOKS_EVERY: Duration = Duration::from_secs(2);
+/// The interval of looking after jobs that take long, and the age at which they do.
+const LONG: Duration = Duration::from_secs(15);
+/// How long a job may go on without a worker at it.
+const STALL: Duration = Duration::from_secs(600);
+/// The time between a job that failed and the next one.
+const AGAIN_AFTER: Duration = Duration::from_millis(500);
+/// How long nothing is said of workers that are missing.
+const SAID_AFTER: Duration = Duration::from_secs(3);
+/// The interval of looking whether there is anything new.
+const TICK: Duration = Duration::from_millis(100);
+
+/// A job that is under way.
+struct Job {
+    tasks: Vec<usize>,
+    begun: Instant,
+    looked: Instant,
+    /// All results were in the store when it was looked at last.
+    there: bool,
+    /// Since when no worker is at it.
+    idle: Option<Instant>,
+}
+
+/// What came of a job.
+type Told = (usize, Result<Vec<Answered>, String>);
+
+/// A wave at work.
+pub struct Handing<'a> {
+    engine: &'a Ballista,
+    wave: &'a Wave<'a>,
+    id: String,
+    tasks: BTreeMap<String, usize>,
+    waiting: VecDeque<usize>,
+    jobs: BTreeMap<usize, Job>,
+    receipts: Vec<Option<Receipt>>,
+    /// How often each was handed out and came to nothing.
+    tries: Vec<usize>,
+    number: usize,
+    /// Tasks that were answered, and their seconds.
+    answered: (usize, f64),
+    /// Tasks that were refused since one was answered.
+    refused: usize,
+    restarts: usize,
+    seen: Seen,
+    looked: Option<Instant>,
+    /// Since the scheduler answered, since there was a worker, since a job failed.
+    reached: Since,
+    manned: Since,
+    troubled: Option<Since>,
+    trouble: String,
+    waits: bool,
+}
+
+impl<'a> Handing<'a> {
+    /// Nothing is handed out yet.
+    pub fn new(engine: &'a Ballista, wave: &'a Wave<'a>) -> Handing<'a> {
+        let count = wave.tasks.len();
+        Handing {
+            engine,
+            wave,
+            id: Uuid::new_v4().simple().to_string(),
+            tasks: wave.tasks.iter().enumerate().map(|(i, task)| (task.id().to_string(), i)).collect(),
+            waiting: (0..count).collect(),
+            jobs: BTreeMap::new(),
+            receipts: vec![None; count],
+            tries: vec![0; count],
+            number: 0,
+            answered: (0, 0.0),
+            refused: 0,
+            restarts: 0,
+            seen: engine.seen.clone(),
+            looked: None,
+            reached: Since::now(),
+            manned: Since::now(),
+            troubled: None,
+            trouble: String::new(),
+            waits: false,
+        }
+    }
+
+    /// Hands out and hears until each task has its receipt, or the run is interrupted.
+    pub fn run(mut self) -> Vec<Option<Receipt>> {
+        let (tell, hear) = channel();
+        while !(self.waiting.is_empty() && self.jobs.is_empty()) {
+            if INTERRUPTED.load(Ordering::Relaxed) {
+                self.cancel(None);
+                break;
+            }
+            let hopeless = self.look().or_else(|| self.hopeless());
+            if let Some(fault) = hopeless {
+                self.cancel(None);
+                let rest: Vec<usize> = (0..self.receipts.len()).filter(|i| self.receipts[*i].is_none()).collect();
+                rest.into_iter().for_each(|i| self.settle(i, failed(&self.wave.tasks[i], &fault)));
+                break;
+            }
+            self.hand_out(&tell);
+            self.listen(&hear);
+            self.look_after();
+        }
+        if self.waits {
+            self.wave.worker.waits(None);
+        }
+        self.receipts
+    }
+
+    /// Hears what came of a job, if there is any news.
+    fn listen(&mut self, hear: &Receiver<Told>) {
+        match hear.recv_timeout(TICK) {
+            Ok((number, told)) => {
+                let Some(job) = self.jobs.remove(&number) else { return };
+                match told {
+                    Ok(answers) => self.hear(&job.tasks, answers),
+                    Err(why) => self.came_to_nothing(&job.tasks, &why),
+                }
+            }
+            Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => {}
+        }
+    }
+
+    /// Looks at scheduler and workers from time to time. A fault where there is no use in going on.
+    fn look(&mut self) -> Option<Fault> {
+        if self.looked.is_some_and(|at| at.elapsed() < LOOKS_EVERY) {
+            return None;
+        }
+        self.looked = Some(Instant::now());
+        match self.engine.scheduler.look() {
+            Ok(seen) => {
+                self.reached.seen();
+                if seen.scheduler != self.seen.scheduler {
+                    self.restarts += 1;
+                }
+                if seen.cores > 0 {
+                    self.manned.seen();
+                }
+                self.seen = seen;
+            }
+            Err(why @ Trouble::Other(_)) => return Some(why.fault(&self.engine.scheduler.authority)),
+            Err(Trouble::Silent(why)) => {
+                self.seen.cores = 0;
+                self.trouble = why;
+            }
+        }
+        let missing = self.seen.cores == 0 && self.manned.longer_than(SAID_AFTER);
+        if missing != self.waits {
+            self.waits = missing;
+            let what = format!("a worker of {}", self.engine.scheduler.authority);
+            self.wave.worker.waits(missing.then_some(what.as_str()));
+        }
+        None
+    }
+
+    /// Why there is no use in going on.
+    fn hopeless(&self) -> Option<Fault> {
+        let (authority, patience) = (&self.engine.scheduler.authority, self.engine.limits.patience);
+        let seconds = patience.as_secs();
+        if self.reached.longer_than(patience) {
+            let what = format!("the scheduler at {authority} has not answered for {seconds} s: {}", self.trouble);
+            return Some(Fault::machine(what).help("start it again; the next run goes on from here"));
+        }
+        if self.restarts > MOST_RESTARTS {
+            let what = format!("the scheduler at {authority} was started again {MOST_RESTARTS} times");
+            return Some(Fault::machine(what).help("what it says on standard error says why"));
+        }
+        if self.manned.longer_than(patience) {
+            let others = match self.seen.others.as_slice() {
+                [] => String::new(),
+                others => format!("; there are some of another version: {}", others.join(", ")),
+            };
+            let last = if self.refused > 0 {
+                format!("; the last one refused its task: {}", self.trouble)
+            } else {
+                String::new()
+            };
+            let what = format!("no worker has been at the scheduler {authority} for {seconds} s{others}{last}");
+            return Some(Fault::machine(what).help(format!(
+                "start some with `magline worker --scheduler {authority} --store {}`, or wait longer with `--patience`",
+                self.wave.worker.store().root().display()
+            )));
+        }
+        let most = 2 * self.seen.cores.max(1) + MOST_TRIES;
+        (self.refused >= most).then(|| self.refusal())
+    }
+
+    /// Hands out as many jobs as the cluster is to have.
+    fn hand_out(&mut self, tell: &Sender<Told>) {
+        if self.troubled.is_some_and(|since| !since.longer_than(AGAIN_AFTER)) {
+            return;
+        }
+        let room = (JOBS_A_CORE * self.seen.cores).saturating_sub(self.jobs.len());
+        for _ in 0..room {
+            let (tasks, handed) = self.bundle();
+            if tasks.is_empty() {
+                break;
+            }
+            self.number += 1;
+            let (number, tell) = (self.number, tell.clone());
+            let now = Instant::now();
+            self.jobs.insert(number, Job { tasks, begun: now, looked: now, there: false, idle: None });
+            let made = job(self.engine.scheduler.url(), self.engine.session.clone(), self.name(number), vec![handed]);
+            self.engine.runtime.spawn(async move {
+                // Nobody listens after an interrupt.
+                let _ = tell.send((number, made.await.map_err(|e| e.to_string())));
+            });
+        }
+    }
+
+    fn name(&self, number: usize) -> String {
+        format!("magline {} {number}", self.id)
+    }
+
+    /// The next tasks that are handed out together: as many as are expected to take so long that a job costs little beside them,
+    /// and that the scheduler keeps up with all cores.
+    fn bundle(&mut self) -> (Vec<usize>, Vec<Handed>) {
+        let cores = self.seen.cores.max(1);
+        let wanted_s = (JOB_S / MOST_BESIDE).max(SCHEDULING_S * cores as f64);
+        let most = match self.answered {
+            (0, _) => 1,
+            (n, seconds) => (wanted_s * n as f64 / seconds.max(1e-6)).clamp(1.0, MOST_TASKS as f64) as usize,
+        };
+        let most = most.min(self.waiting.len().div_ceil(JOBS_A_CORE * cores));
+        let (mut tasks, mut handed, mut bytes) = (vec![], vec![], 0);
+        while tasks.len() < most && bytes < MOST_BYTES {
+            let Some(i) = self.waiting.pop_front() else { break };
+            // One that came to nothing must not take others with it.
+            if self.tries[i] > 0 && !tasks.is_empty() {
+                self.waiting.push_front(i);
+                break;
+            }
+            match self.handed(i) {
+                Ok(one) => {
+                    bytes += one.task.len();
+                    handed.push(one);
+                    tasks.push(i);
+                }
+                Err(fault) => self.settle(i, failed(&self.wave.tasks[i], &fault)),
+            }
+            if self.tries[i] > 0 {
+                break;
+            }
+        }
+        (tasks, handed)
+    }
+
+    fn handed(&self, i: usize) -> Result<Handed, Fault> {
+        let task: &Task = &self.wave.tasks[i];
+        let limits = self.engine.limits;
+        Ok(Handed {
+            id: task.id().to_string(),
+            wave: self.id.clone(),
+            retries: limits.retries as u64,
+            unit_timeout_s: limits.unit_timeout.map_or(0, |limit| limit.as_secs().max(1)),
+            task: serde_json::to_string(task).map_err(|e| Fault::machine(e.to_string()))?,
+        })
+    }
+
+    /// Takes the receipt of a task.
+    fn settle(&mut self, i: usize, receipt: Receipt) {
+        self.wave.tell(&self.wave.tasks[i], &receipt);
+        self.receipts[i] = Some(receipt);
+    }
+
+    /// A task came to nothing: it is handed out again, unless it has come to nothing too often.
+    fn again(&mut self, i: usize, why: Fault) {
+        self.tries[i] += 1;
+        if self.tries[i] >= MOST_TRIES {
+            self.settle(i, failed(&self.wave.tasks[i], &why));
+        } else {
+            self.waiting.push_back(i);
+        }
+    }
+
+    fn refusal(&self) -> Fault {
+        let store = self.wave.worker.store().root().display();
+        Fault::machine(format!("the workers refuse the tasks: {}", self.trouble))
+            .help(format!("the folder that a worker has as `--store` must be that of this run, {store}"))
+    }
+
+    /// The answers of a job.
+    fn hear(&mut self, tasks: &[usize], answers: Vec<Answered>) {
+        let mut left: Vec<usize> = tasks.to_vec();
+        for Answered { id, worker, receipt, refused: why } in answers {
+            let Some(at) = self.tasks.get(&id).and_then(|i| left.iter().position(|l| l == i)) else {
+                // Computed twice, or not ours: what came back is not what was handed out.
+                let fault = Fault::bug(format!("the worker {worker} answers a task that it was not given, or twice"));
+                tasks.iter().for_each(|i| self.settle(*i, failed(&self.wave.tasks[*i], &fault)));
+                return;
+            };
+            let i = left.swap_remove(at);
+            match (receipt.map(|text| Receipt::parse(&text)), why) {
+                (Some(Ok(receipt)), None) => self.receipt(i, receipt),
+                (Some(Err(fault)), _) => self.again(i, fault),
+                (_, why) => {
+                    self.refused += 1;
+                    self.trouble = format!("{worker}: {}", why.unwrap_or_default());
+                    self.again(i, self.refusal());
+                }
+            }
+        }
+        // Those that a worker left out because it was told to stop.
+        self.waiting.extend(left);
+    }
+
+    fn receipt(&mut self, i: usize, receipt: Receipt) {
+        let task = &self.wave.tasks[i];
+        let wanted = |u: &&TaskUnit| !u.have;
+        let same = |(u, a): (&TaskUnit, &Answer)| (u.point, u.line, u.key) == (a.point, a.line, a.key);
+        let known = task.units.iter().filter(wanted);
+        if receipt.units.len() == known.clone().count() && known.zip(&receipt.units).all(same) {
+            self.answered = (self.answered.0 + 1, self.answered.1 + receipt.seconds);
+            self.refused = 0;
+            self.settle(i, receipt);
+        } else {
+            self.again(i, Fault::machine("its worker was told to stop each time"));
+        }
+    }
+
+    /// A job that failed: its scheduler or its worker was lost, or it was cancelled.
+    fn came_to_nothing(&mut self, tasks: &[usize], why: &str) {
+        let before = self.seen.scheduler.clone();
+        self.looked = None;
+        let lost = self.look().is_some() || self.seen.cores == 0 || self.seen.scheduler != before;
+        self.troubled = Some(Since::now());
+        if lost {
+            // Not the fault of what was computed.
+            self.waiting.extend(tasks);
+        } else {
+            let fault = Fault::machine(format!("the cluster could not compute it: {why}"));
+            tasks.iter().for_each(|i| self.again(*i, fault.clone()));
+        }
+    }
+
+    /// Cancels jobs: the one, or all.
+    fn cancel(&mut self, number: Option<usize>) {
+        let name = number.map(|number| self.name(number));
+        let begins = format!("magline {} ", self.id);
+        let is_wanted = |of: &str| name.as_ref().map_or_else(|| of.starts_with(&begins), |name| of == name);
+        let scheduler = &self.engine.scheduler;
+        scheduler.jobs(is_wanted).iter().for_each(|(id, _)| scheduler.cancel(id));
+        match number {
+            Some(number) => drop(self.jobs.remove(&number)),
+            None => self.jobs.clear(),
+        }
+    }
+
+    /// Looks after jobs that take long: an answer may have been lost, which neither scheduler nor worker know.
+    fn look_after(&mut self) {
+        let long = |job: &Job| job.begun.elapsed() > LONG && job.looked.elapsed() > LONG;
+        let due: Vec<usize> = self.jobs.iter().filter(|(_, job)| long(job)).map(|(n, _)| *n).collect();
+        if due.is_empty() {
+            return;
+        }
+        let begins = format!("magline {} ", self.id);
+        let going = self.engine.scheduler.jobs(|name| name.starts_with(&begins));
+        for number in due {
+            let Some(job) = self.jobs.get(&number) else { continue };
+            let (tasks, found) = (job.tasks.clone(), self.found(&job.tasks));
+            let name = self.name(number);
+            let id = going.iter().find(|(_, of)| *of == name).map(|(id, _)| id);
+            let facts = Facts {
+                there: found.is_some(),
+                were_there: job.there,
+                is_handed: id.is_some_and(|id| self.engine.scheduler.is_at_work(id)),
+                is_at_work: found.is_some() || self.is_at_work(&tasks),
+                idle: job.idle.map(|since| since.elapsed()),
+            };
+            let verdict = facts.verdict();
+            if let Some(job) = self.jobs.get_mut(&number) {
+                job.looked = Instant::now();
+                job.there = facts.there;
+                job.idle = if facts.is_idle() { job.idle.or_else(|| Some(Instant::now())) } else { None };
+            }
+            match (verdict, found) {
+                (Verdict::Wait, _) => {}
+                (Verdict::Take, Some(receipts)) => {
+                    self.cancel(Some(number));
+                    tasks.into_iter().zip(receipts).for_each(|(i, receipt)| self.settle(i, receipt));
+                }
+                (Verdict::Again | Verdict::Take, _) => {
+                    self.cancel(Some(number));
+                    let why = format!("no worker was at it for {} s, nor did one answer", STALL.as_secs());
+                    tasks.into_iter().for_each(|i| self.again(i, Fault::machine(why.clone())));
+                }
+            }
+        }
+    }
+
+    /// The receipts of tasks all of whose units have a result in the store; none where one lacks it.
+    fn found(&self, tasks: &[usize]) -> Option<Vec<Receipt>> {
+        let store = self.wave.worker.store();
+        let cut = self.wave.worker.cut(self.wave.table).ok()?;
+        let answer = |unit: &TaskUnit| match store.find(unit.key)?.rows {
+            Some(_) => Some(Answer::of(unit, Outcome::Reused, None)),
+            None => store.failed(unit.key).ok()?.map(|fault| Answer::of(unit, Outcome::Failed, Some(fault))),
+        };
+        let one = |i: &usize| {
+            let task = &self.wave.tasks[*i];
+            let all: Vec<&TaskUnit> = task.units.iter().collect();
+            store.adopt(pack_of(cut, self.wave.table, task.part, &all));
+            let units: Option<Vec<Answer>> = task.units.iter().filter(|u| !u.have).map(answer).collect();
+            Some(task.receipt(units?))
+        };
+        tasks.iter().map(one).collect()
+    }
+
+    /// Whether a worker is at a unit of these tasks, as far as the store knows.
+    fn is_at_work(&self, tasks: &[usize]) -> bool {
+        let store = self.wave.worker.store();
+        let units = tasks.iter().flat_map(|i| self.wave.tasks[*i].units.iter().filter(|u| !u.have));
+        units.into_iter().any(|unit| store.attempts_of(unit.key).lost > 0)
+    }
+}
+
+/// What is known of a job that takes long.
+#[derive(Clone, Copy, Debug)]
+struct Facts {
+    /// All its results are in the store, and were when it was looked at before.
+    there: bool,
+    were_there: bool,
+    /// The scheduler says that a worker has a part of it.
+    is_handed: bool,
+    /// A worker is at a unit of it.
+    is_at_work: bool,
+    /// How long there has been no worker at it.
+    idle: Option<Duration>,
+}
+
+/// What is to be done about a job that takes long.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Verdict {
+    Wait,
+    /// Its answer was lost, and its results are there.
+    Take,
+    /// It was lost.
+    Again,
+}
+
+impl Facts {
+    /// Whether the scheduler takes it for being computed, and nobody computes it. What waits for its turn is not idle.
+    fn is_idle(&self) -> bool {
+        self.is_handed && !self.is_at_work
+    }
+
+    fn verdict(&self) -> Verdict {
+        match (self.there && self.were_there, self.is_idle() && self.idle.is_some_and(|idle| idle > STALL)) {
+            (true, _) => Verdict::Take,
+            (false, true) => Verdict::Again,
+            (false, false) => Verdict::Wait,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn unit_an_answer_that_was_lost_is_taken_from_the_store_and_a_job_that_was_lost_begins_again() {
+        let work = Facts { there: false, were_there: false, is_handed: true, is_at_work: true, idle: None };
+        let late = Some(STALL + Duration::from_secs(1));
+        assert_eq!(work.verdict(), Verdict::Wait, "a unit may take hours");
+        assert_eq!(Facts { there: true, ..work }.verdict(), Verdict::Wait, "its answer may be on its way");
+        assert_eq!(Facts { there: true, were_there: true, ..work }.verdict(), Verdict::Take);
+        let idle = Facts { is_at_work: false, ..work };
+        assert!(idle.is_idle() && !work.is_idle());
+        assert_eq!(idle.verdict(), Verdict::Wait, "it may have begun just now");
+        assert_eq!(Facts { idle: late, ..idle }.verdict(), Verdict::Again);
+        let waits = Facts { is_handed: false, idle: late, ..idle };
+        assert_eq!(waits.verdict(), Verdict::Wait, "other runs have their turn");
+        assert_eq!(Facts { there: true, were_there: true, idle: late, ..idle }.verdict(), Verdict::Take);
+    }
+}

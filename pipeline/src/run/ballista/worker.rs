@@ -1,0 +1,353 @@
+//! A worker: Ballista's executor, which takes tasks from the scheduler, and a process of this program for each core, which
+//! computes them. What a unit does to its process (a crash, a hang, too much memory) leaves the executor alone, which goes
+//! on to report to the scheduler.
+
+use std::{
+    fs,
+    net::{IpAddr, SocketAddr, TcpListener},
+    path::PathBuf,
+    sync::{
+        Arc, Condvar, Mutex, MutexGuard, OnceLock, PoisonError,
+        atomic::{AtomicBool, Ordering},
+    },
+    thread::{self, sleep},
+    time::{Duration, Instant},
+};
+
+use ballista_executor::executor_process::{ExecutorProcessConfig, start_executor_process};
+use nix::sys::signal::{Signal, raise};
+use schemas::Fault;
+use uuid::Uuid;
+
+use super::{
+    client::{Scheduler, Trouble, named},
+    runtime,
+    scheduler::name_of,
+    told_to_stop,
+    units::{Answered, COMPUTE, Codec, Compute, Handed},
+};
+use crate::{
+    run::{
+        children::{Children, Leash, Running},
+        interrupt::INTERRUPTED,
+        task::{Receipt, Task, VERSION},
+    },
+    store::kernel,
+};
+
+/// How long a process without a task is kept: while it lives, the store counts as in use.
+const RESTS: Duration = Duration::from_secs(5);
+/// How long a task that is refused is tried again, since a shared folder may show what is new late.
+const PATIENCE: Duration = Duration::from_secs(5);
+/// The time between two looks at the scheduler.
+const LOOKS_EVERY: Duration = Duration::from_secs(5);
+
+/// What a worker is to be.
+#[derive(Clone, Debug)]
+pub struct Config {
+    /// The host of the scheduler.
+    pub host: String,
+    /// Its port.
+    pub port: u16,
+    /// This program.
+    pub program: PathBuf,
+    /// The store.
+    pub store: PathBuf,
+    /// Tasks at once.
+    pub cores: usize,
+    /// The folder in which a folder of its own is made.
+    pub work: PathBuf,
+    /// The address to listen on.
+    pub bind: IpAddr,
+    /// The first of two ports to listen on; 0 for two that are free.
+    pub ports: u16,
+    /// The name by which the scheduler reaches this worker.
+    pub advertise: Option<String>,
+    /// The time between two reports to the scheduler.
+    pub heartbeat: Duration,
+}
+
+/// Why a worker ended.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Ended {
+    /// It was told to.
+    Told,
+    /// The scheduler no longer answers, or does not know it: it may begin again.
+    Alone,
+}
+
+/// Hears of receipts.
+pub type Hear = Box<dyn Fn(&Receipt) + Send + Sync>;
+
+/// Why this worker must end: the scheduler is another version, or its store is not that of the runs.
+static AT_ODDS: OnceLock<Fault> = OnceLock::new();
+
+fn leave(why: Fault) {
+    if AT_ODDS.set(why).is_ok() {
+        // The executor hears of it as of any other request to end, and finishes what it computes.
+        let _ = raise(Signal::SIGTERM);
+    }
+}
+
+/// Computes what the scheduler hands out, until it is told to stop or the scheduler is gone.
+///
+/// # Errors
+/// Fails when the scheduler is another version, cannot reach this worker, or a port or folder is not to be had.
+pub fn work(config: &Config, hear: Hear) -> Result<Ended, Fault> {
+    let scheduler = Scheduler::at(&format!("{}:{}", config.host, config.port));
+    let name = named(&format!("{}-{}-{}", kernel(), std::process::id(), short()));
+    let crew = Crew::new(config, name.clone(), scheduler.authority.clone(), hear);
+    if COMPUTE.set(Box::new(crew.clone())).is_err() {
+        return Err(Fault::bug("two workers in one process"));
+    }
+    let own = config.work.join(format!("magline-worker-{}-{}", std::process::id(), short()));
+    fs::create_dir_all(&own).map_err(|e| Fault::machine(format!("cannot make the folder {}: {e}", own.display())))?;
+    let ended = crew.attended(&scheduler, || executed(config, name, &own.display().to_string()));
+    // Receipts that were fetched; what stays is in a folder for such things.
+    let _ = fs::remove_dir_all(&own);
+    match (AT_ODDS.get(), ended) {
+        (Some(why), _) => Err(why.clone()),
+        (None, ended) => ended,
+    }
+}
+
+fn short() -> String {
+    Uuid::new_v4().simple().to_string().chars().take(8).collect()
+}
+
+fn executed(config: &Config, name: String, folder: &str) -> Result<Ended, Fault> {
+    let (port, grpc_port) = ports(config)?;
+    let bound = SocketAddr::new(config.bind, port);
+    let own = config.advertise.clone().unwrap_or_else(|| name_of(bound));
+    let bind_host = if config.bind.is_ipv6() { format!("[{}]", config.bind) } else { config.bind.to_string() };
+    let executor = ExecutorProcessConfig {
+        executor_id: name,
+        scheduler_host: config.host.clone(),
+        scheduler_port: config.port,
+        scheduler_connect_timeout_seconds: 60,
+        bind_host,
+        external_host: Some(own.clone()),
+        port,
+        grpc_port,
+        vcores: config.cores,
+        work_dir: Some(folder.to_owned()),
+        job_data_clean_up_interval_seconds: 600,
+        job_data_ttl_seconds: 3600,
+        executor_heartbeat_interval_seconds: config.heartbeat.as_secs().max(1),
+        memory_pool_size: Some(0),
+        override_physical_codec: Some(Arc::new(Codec::of_worker())),
+        ..ExecutorProcessConfig::default()
+    };
+    let ended = runtime()?.block_on(async {
+        tokio::spawn(async {
+            told_to_stop().await;
+            INTERRUPTED.store(true, Ordering::SeqCst);
+        });
+        start_executor_process(Arc::new(executor)).await
+    });
+    match ended {
+        Ok(()) if INTERRUPTED.load(Ordering::SeqCst) => Ok(Ended::Told),
+        Ok(()) => Ok(Ended::Alone),
+        Err(e) => {
+            let what = format!("the scheduler at {}:{} does not take this worker: {e}", config.host, config.port);
+            Err(Fault::machine(what).help(format!(
+                "it reaches this worker at {own}, ports {port} and {grpc_port}: `--bind`, `--port` and `--advertise` name others"
+            )))
+        }
+    }
+}
+
+/// Two ports: those that were asked for, or two that are free.
+fn ports(config: &Config) -> Result<(u16, u16), Fault> {
+    if config.ports > 0 {
+        let next = config.ports.checked_add(1).ok_or_else(|| Fault::new("there is no port after 65535"))?;
+        return Ok((config.ports, next));
+    }
+    let fail = |e: std::io::Error| Fault::machine(format!("cannot listen on {}: {e}", config.bind));
+    let free = || TcpListener::bind((config.bind, 0)).map_err(fail);
+    let port = |listener: &TcpListener| listener.local_addr().map(|a| a.port()).map_err(fail);
+    // Both are held until both are known, so that they differ.
+    let (one, other) = (free()?, free()?);
+    Ok((port(&one)?, port(&other)?))
+}
+
+/// Worker processes, at most one for each core.
+#[derive(Clone)]
+struct Crew(Arc<Inner>);
+
+struct Inner {
+    name: String,
+    /// The scheduler.
+    authority: String,
+    /// Whether it has computed something: its store is that of the runs.
+    proven: AtomicBool,
+    program: PathBuf,
+    store: PathBuf,
+    places: Mutex<Places>,
+    freed: Condvar,
+    hear: Hear,
+}
+
+struct Places {
+    free: usize,
+    resting: Vec<Resting>,
+}
+
+/// A process without a task. It knows the store as it was when its wave began.
+struct Resting {
+    wave: String,
+    since: Instant,
+    process: Running,
+}
+
+impl Crew {
+    fn new(config: &Config, name: String, authority: String, hear: Hear) -> Crew {
+        let places = Mutex::new(Places { free: config.cores, resting: vec![] });
+        let (program, store, freed) = (config.program.clone(), config.store.clone(), Condvar::new());
+        let proven = AtomicBool::new(false);
+        Crew(Arc::new(Inner { name, authority, proven, program, store, places, freed, hear }))
+    }
+
+    fn places(&self) -> MutexGuard<'_, Places> {
+        self.0.places.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Does something while processes that rest too long are ended, and the scheduler is watched.
+    fn attended<T>(&self, scheduler: &Scheduler, work: impl FnOnce() -> T) -> T {
+        let over = AtomicBool::new(false);
+        thread::scope(|scope| {
+            scope.spawn(|| {
+                let mut looked = Instant::now();
+                while !over.load(Ordering::Relaxed) {
+                    sleep(Duration::from_millis(200));
+                    let old = self.old();
+                    drop(old);
+                    if looked.elapsed() >= LOOKS_EVERY {
+                        looked = Instant::now();
+                        // One that does not answer may come back.
+                        if let Err(why @ Trouble::Other(_)) = scheduler.name() {
+                            leave(why.fault(&self.0.authority));
+                        }
+                    }
+                }
+            });
+            let done = work();
+            over.store(true, Ordering::Relaxed);
+            let resting = std::mem::take(&mut self.places().resting);
+            drop(resting);
+            done
+        })
+    }
+
+    /// Processes that rest too long.
+    fn old(&self) -> Vec<Resting> {
+        let mut places = self.places();
+        let (old, young) = std::mem::take(&mut places.resting).into_iter().partition(|r| r.since.elapsed() > RESTS);
+        places.resting = young;
+        old
+    }
+
+    /// A place, and the process of the wave that rests there. Waits until one is free: a task that was cancelled has its place
+    /// until its process has ended.
+    fn enter(&self, wave: &str) -> Option<Running> {
+        let mut places = self.places();
+        while places.free == 0 {
+            places = self.0.freed.wait(places).unwrap_or_else(PoisonError::into_inner);
+        }
+        places.free -= 1;
+        let own = places.resting.iter().position(|r| r.wave == wave);
+        let found = own.map(|i| places.resting.swap_remove(i).process);
+        // Those of other waves give way, so that there are no more processes than places.
+        let most = places.free;
+        let surplus = places.resting.len().saturating_sub(most);
+        let gone: Vec<Resting> = places.resting.drain(..surplus).collect();
+        drop(places);
+        drop(gone);
+        found
+    }
+
+    fn rest(&self, wave: &str, process: Option<Running>) {
+        let mut places = self.places();
+        places.free += 1;
+        let resting = process.map(|process| Resting { wave: wave.to_owned(), since: Instant::now(), process });
+        places.resting.extend(resting);
+        drop(places);
+        self.0.freed.notify_one();
+    }
+
+    fn answer(&self, handed: &Handed, process: &mut Option<Running>, leash: &Leash) -> Option<Answered> {
+        let answered =
+            |receipt, refused| Answered { id: handed.id.clone(), worker: self.0.name.clone(), receipt, refused };
+        let refused = |why: String| Some(answered(None, Some(why)));
+        let task = match Task::parse(&handed.task) {
+            Ok(task) => task,
+            Err(fault) => return refused(fault.to_string()),
+        };
+        let children = Children {
+            program: self.0.program.clone(),
+            store: self.0.store.clone(),
+            retries: usize::try_from(handed.retries).unwrap_or(usize::MAX - 1),
+            unit_timeout: (handed.unit_timeout_s > 0).then(|| Duration::from_secs(handed.unit_timeout_s)),
+        };
+        let begun = Instant::now();
+        loop {
+            let receipt = children.receipt(process, &task, leash)?;
+            match &receipt.refused {
+                Some(_) if begun.elapsed() < PATIENCE => {
+                    *process = None;
+                    sleep(Duration::from_secs(1));
+                }
+                Some(why) => {
+                    (self.0.hear)(&receipt);
+                    let why = format!("{why} (its store is {})", self.0.store.display());
+                    // It would take one task after another from those that can do them.
+                    if !self.0.proven.load(Ordering::Relaxed) {
+                        let fault =
+                            Fault::machine(format!("the first task that this worker was given is refused: {why}"));
+                        leave(fault.help("`--store` names the folder that runs have as `store`"));
+                    }
+                    return refused(why);
+                }
+                None => {
+                    self.0.proven.store(true, Ordering::Relaxed);
+                    (self.0.hear)(&receipt);
+                    return match serde_json::to_string(&receipt) {
+                        Ok(text) => Some(answered(Some(text), None)),
+                        Err(e) => refused(e.to_string()),
+                    };
+                }
+            }
+        }
+    }
+}
+
+impl Compute for Crew {
+    fn answers(&self, tasks: Vec<Handed>, version: &str, leash: &Leash) -> Vec<Answered> {
+        if version != VERSION {
+            leave(Trouble::Other(format!("magline {version}")).fault(&self.0.authority));
+            let why = format!("the worker is magline {VERSION}, and the run is of magline {version}");
+            let one = |h: Handed| Answered {
+                id: h.id,
+                worker: self.0.name.clone(),
+                receipt: None,
+                refused: Some(why.clone()),
+            };
+            return tasks.into_iter().map(one).collect();
+        }
+        let Some(first) = tasks.first() else { return vec![] };
+        let mut process = self.enter(&first.wave);
+        let mut answers = vec![];
+        for handed in &tasks {
+            // What is left out is handed out again.
+            if INTERRUPTED.load(Ordering::Relaxed) && !answers.is_empty() {
+                break;
+            }
+            match self.answer(handed, &mut process, leash) {
+                Some(answer) => answers.push(answer),
+                None => break,
+            }
+        }
+        self.rest(&first.wave, process);
+        answers
+    }
+}

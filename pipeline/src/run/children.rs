@@ -1,0 +1,175 @@
+//! Worker processes that this process starts: `magline task`, with tasks in and receipts out. A unit that kills its worker, or
+//! takes too long, takes nothing else with it.
+
+use std::{
+    fmt::Display,
+    io::{BufRead, BufReader, Write},
+    path::PathBuf,
+    process::{Child, ChildStdin, ChildStdout, Command, Stdio},
+    sync::{Arc, Mutex, MutexGuard, PoisonError, atomic::Ordering},
+    time::Duration,
+};
+
+use nix::{
+    sys::signal::{Signal, kill},
+    unistd::Pid,
+};
+use schemas::Fault;
+
+use super::{
+    events::Outcome,
+    interrupt::INTERRUPTED,
+    task::{Answer, Receipt, Task},
+};
+use crate::store::Store;
+
+/// How worker processes are started.
+#[derive(Clone, Debug)]
+pub struct Children {
+    /// This program.
+    pub program: PathBuf,
+    /// The store.
+    pub store: PathBuf,
+    /// How often a unit is tried again after its worker was lost.
+    pub retries: usize,
+    /// The longest time of a unit.
+    pub unit_timeout: Option<Duration>,
+}
+
+/// Stops the worker process that computes a task, from another thread.
+#[derive(Clone, Debug, Default)]
+pub struct Leash(Arc<Mutex<Held>>);
+
+#[derive(Debug, Default)]
+struct Held {
+    stopped: bool,
+    /// The process at work; none before it is started, and when it is waited for.
+    process: Option<Pid>,
+}
+
+#[cfg_attr(not(feature = "cluster"), allow(dead_code))]
+impl Leash {
+    fn held(&self) -> MutexGuard<'_, Held> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Asks the process to end after the units that it computes; no other is started.
+    pub fn stop(&self) {
+        let mut held = self.held();
+        held.stopped = true;
+        // A process that has ended already needs no signal.
+        let _ = held.process.map(|process| kill(process, Signal::SIGTERM));
+    }
+
+    /// Ends the process at once.
+    pub fn kill(&self) {
+        let mut held = self.held();
+        held.stopped = true;
+        let _ = held.process.map(|process| kill(process, Signal::SIGKILL));
+    }
+
+    fn is_stopped(&self) -> bool {
+        self.held().stopped || INTERRUPTED.load(Ordering::Relaxed)
+    }
+
+    fn holds(&self, process: Option<Pid>) {
+        self.held().process = process;
+    }
+}
+
+/// A worker process.
+pub struct Running {
+    child: Child,
+    tasks: Option<ChildStdin>,
+    receipts: BufReader<ChildStdout>,
+}
+
+impl Running {
+    /// Hands a task to the worker, and waits for the receipt; none where the worker is lost.
+    fn ask(&mut self, task: &str, leash: &Leash) -> Option<Receipt> {
+        leash.holds(i32::try_from(self.child.id()).ok().map(Pid::from_raw));
+        let answer = self.asked(task);
+        leash.holds(None);
+        answer
+    }
+
+    fn asked(&mut self, task: &str) -> Option<Receipt> {
+        let tasks = self.tasks.as_mut()?;
+        tasks.write_all(format!("{task}\n").as_bytes()).and_then(|()| tasks.flush()).ok()?;
+        let mut line = String::new();
+        self.receipts.read_line(&mut line).ok()?;
+        Receipt::parse(&line).ok()
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        // A worker whose tasks have come to their end ends too; one that is lost has ended.
+        self.tasks.take();
+        let _ = self.child.wait();
+    }
+}
+
+impl Children {
+    /// Has a task computed, by one worker after another while these are lost: what is in `worker`, or a new one, and there is
+    /// the last of them when this returns. The receipt lacks units, or is none, where this process is told to stop. A task that the
+    /// workers refuse, or cannot look at, has a receipt that says why.
+    pub fn receipt(&self, worker: &mut Option<Running>, task: &Task, leash: &Leash) -> Option<Receipt> {
+        let text = match serde_json::to_string(task) {
+            Ok(text) => text,
+            Err(e) => return Some(failed(task, &Fault::machine(e.to_string()))),
+        };
+        let wanted = task.units.iter().filter(|u| !u.have).count();
+        // Each loss is an attempt at one unit at least, after the first ones.
+        let most = task.units.len().saturating_mul(self.retries + 1) + self.retries + 2;
+        for loss in 0..most {
+            if leash.is_stopped() {
+                return None;
+            }
+            let running = match worker.take().map_or_else(|| self.start(), Ok) {
+                Ok(running) => running,
+                Err(fault) => return Some(failed(task, &fault)),
+            };
+            let answer = worker.insert(running).ask(&text, leash);
+            // One that was told to stop leaves units out.
+            let whole = |r: &Receipt| r.refused.is_some() || !r.ended && r.units.len() >= wanted;
+            match answer {
+                Some(mut receipt) if whole(&receipt) || !receipt.ended && leash.is_stopped() => {
+                    // What is found after a loss was computed by the worker that was lost.
+                    let found = receipt.units.iter_mut().filter(|a| loss > 0 && a.outcome == Outcome::Reused);
+                    found.for_each(|a| a.outcome = Outcome::Computed);
+                    return Some(receipt);
+                }
+                Some(_) => *worker = None,
+                None => {
+                    *worker = None;
+                    if let Err(fault) = Store::join(&self.store) {
+                        return Some(task.refusal(&fault));
+                    }
+                }
+            }
+        }
+        Some(failed(task, &Fault::machine(format!("{most} workers ended before they answered"))))
+    }
+
+    fn start(&self) -> Result<Running, Fault> {
+        let fail = |e: &dyn Display| Fault::machine(format!("cannot start {}: {e}", self.program.display()));
+        let mut command = Command::new(&self.program);
+        command.args(["task", "--quiet", "--threads", "1", "--retries", &self.retries.to_string(), "--store"]);
+        command.arg(&self.store).args(["--parent", &std::process::id().to_string()]);
+        if let Some(limit) = self.unit_timeout {
+            command.args(["--unit-timeout", &format!("{}s", limit.as_secs().max(1))]);
+        }
+        let mut child = command.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().map_err(|e| fail(&e))?;
+        match (child.stdin.take(), child.stdout.take()) {
+            (tasks @ Some(_), Some(receipts)) => Ok(Running { child, tasks, receipts: BufReader::new(receipts) }),
+            _ => Err(fail(&"it has no streams")),
+        }
+    }
+}
+
+/// A receipt all of whose units failed for the same reason.
+pub fn failed(task: &Task, fault: &Fault) -> Receipt {
+    let wanted = task.units.iter().filter(|u| !u.have);
+    task.receipt(wanted.map(|u| Answer::of(u, Outcome::Failed, Some(fault.clone()))).collect())
+}

@@ -1,0 +1,316 @@
+//! A run on a cluster of this program: the same bytes, each unit once, whatever happens to its processes.
+
+use std::{
+    collections::BTreeMap,
+    io::{Read, Write},
+    net::TcpListener,
+    process::{Child, Command, Output, Stdio},
+    thread::spawn,
+    time::Duration,
+};
+
+use serde_json::Value;
+
+use crate::{
+    cluster_support::{Cluster, until},
+    support::{Bench, line_of, stderr, stdout, write},
+    tasks::same,
+};
+
+const MAGLINE: &str = env!("CARGO_BIN_EXE_magline");
+
+/// Flights that take some seconds, and the store of a local run.
+fn scene() -> (Bench, u64) {
+    let bench = Bench::new();
+    for flight in ["3", "4", "5"] {
+        let lines = ["01", "02", "03", "04"].map(|line| line_of(flight, &format!("{flight}.{line}"), 1200));
+        write(&bench.path(&format!("flights/{flight}.parquet")), &lines);
+    }
+    let local = bench.run(&["--set", "store=whole"]);
+    assert_eq!(local.code, 0, "{}", local.stderr);
+    (bench, local.total("computed"))
+}
+
+/// A run on the cluster that is under way.
+fn begun(bench: &Bench, cluster: &Cluster, more: &[&str]) -> Child {
+    Command::new(MAGLINE)
+        .args(["run", "spec.toml", "--json", "--engine", &cluster.engine()])
+        .args(more)
+        .current_dir(bench.folder.path())
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap()
+}
+
+/// The end of a run: its exit status, and what its last event says.
+fn ended(output: &Output) -> (i32, Value) {
+    let last = stdout(output).lines().last().map(|l| serde_json::from_str(l).unwrap()).unwrap_or(Value::Null);
+    (output.status.code().unwrap(), last)
+}
+
+fn total(last: &Value, what: &str) -> u64 {
+    last[what].as_u64().unwrap_or_else(|| panic!("no {what} in {last}"))
+}
+
+/// How often each unit was computed, by the receipts of the workers.
+fn computed(cluster: &Cluster) -> BTreeMap<String, usize> {
+    let mut found = BTreeMap::new();
+    for line in cluster.receipts() {
+        // The last line of a worker that was killed may be cut.
+        let Ok(receipt) = serde_json::from_str::<Value>(&line) else { continue };
+        for unit in receipt["units"].as_array().unwrap().iter().filter(|u| u["outcome"] == "computed") {
+            *found.entry(unit["key"].as_str().unwrap().to_owned()).or_default() += 1;
+        }
+    }
+    found
+}
+
+fn assert_once(cluster: &Cluster) {
+    let computed = computed(cluster);
+    let twice: Vec<_> = computed.iter().filter(|(_, n)| **n != 1).collect();
+    assert!(twice.is_empty(), "{twice:?}");
+}
+
+/// Waits until some tasks are answered, and more are to come.
+fn under_way(cluster: &Cluster) {
+    until("some tasks are answered", || cluster.receipts().len() >= 8);
+}
+
+fn send(signal: &str, child: &Child) {
+    assert!(Command::new("kill").args([signal, &child.id().to_string()]).status().unwrap().success());
+}
+
+#[test]
+fn user_a_cluster_gives_the_bytes_of_a_local_run_and_each_unit_once() {
+    let (bench, units) = scene();
+    let cluster = Cluster::new(MAGLINE, bench.folder.path(), 2);
+    let output = begun(&bench, &cluster, &[]).wait_with_output().unwrap();
+    let (code, last) = ended(&output);
+    assert_eq!(code, 0, "{} {}", stderr(&output), cluster.said());
+    assert_eq!((total(&last, "computed"), total(&last, "failed")), (units, 0));
+    same(&bench, "whole", "store");
+    let counted = computed(&cluster);
+    assert_eq!(counted.len() as u64, units);
+    assert_once(&cluster);
+    for worker in &cluster.workers {
+        assert!(std::fs::metadata(&worker.1).unwrap().len() > 0, "each worker had its part");
+    }
+    // Each unit is told once, whichever worker had it.
+    let text = stdout(&output);
+    let told = text.lines().filter(|l| l.starts_with(r#"{"event":"unit""#) && l.contains(r#""status":"computed""#));
+    assert_eq!(told.count() as u64, units);
+    assert!(!bench.path("store/attempts").read_dir().unwrap().any(|_| true));
+    // Another run finds everything; a store that nobody uses can be tended.
+    let again = bench.run(&["--engine", &cluster.engine()]);
+    assert_eq!((again.code, again.total("computed"), again.total("reused")), (0, 0, units));
+    until("the processes of the workers have ended", || {
+        let gc = bench.magline(&["gc", "--yes"]);
+        assert!(gc.status.success());
+        !stdout(&gc).contains("at work in the store")
+    });
+    same(&bench, "whole", "store");
+}
+
+#[test]
+fn user_a_worker_that_is_killed_costs_what_it_had_at_hand() {
+    let (bench, units) = scene();
+    let mut cluster = Cluster::new(MAGLINE, bench.folder.path(), 2);
+    let run = begun(&bench, &cluster, &[]);
+    under_way(&cluster);
+    cluster.kill(0);
+    let output = run.wait_with_output().unwrap();
+    let (code, last) = ended(&output);
+    assert_eq!(code, 0, "{} {}", stderr(&output), cluster.said());
+    // What the worker had finished, and could not tell, was found.
+    assert_eq!(total(&last, "computed") + total(&last, "reused"), units);
+    same(&bench, "whole", "store");
+    assert_once(&cluster);
+}
+
+#[test]
+fn user_a_scheduler_that_is_killed_and_started_again_costs_nothing_that_was_finished() {
+    let (bench, units) = scene();
+    let mut cluster = Cluster::new(MAGLINE, bench.folder.path(), 2);
+    let run = begun(&bench, &cluster, &["--patience", "200s"]);
+    under_way(&cluster);
+    // Long enough that the workers give it up, and begin again by themselves.
+    cluster.another_scheduler(Duration::from_secs(8));
+    let output = run.wait_with_output().unwrap();
+    let (code, last) = ended(&output);
+    assert_eq!(code, 0, "{} {}", stderr(&output), cluster.said());
+    assert_eq!(total(&last, "computed") + total(&last, "reused"), units);
+    same(&bench, "whole", "store");
+    assert_once(&cluster);
+}
+
+#[test]
+fn user_without_workers_a_run_ends_in_words_and_the_next_one_goes_on() {
+    let (bench, units) = scene();
+    let mut cluster = Cluster::new(MAGLINE, bench.folder.path(), 2);
+    let run = begun(&bench, &cluster, &["--patience", "4s"]);
+    under_way(&cluster);
+    cluster.kill(0);
+    cluster.kill(1);
+    let output = run.wait_with_output().unwrap();
+    let (code, last) = ended(&output);
+    assert_eq!(code, 1, "{}", stderr(&output));
+    let said = last["failures"].to_string();
+    assert!(said.contains("no worker has been at the scheduler") && said.contains("for 4 s"), "{said}");
+    let finished = total(&last, "computed");
+    assert!(finished > 0 && finished < units, "{finished} of {units}");
+    // It waited for them before it gave up.
+    assert!(stdout(&output).contains(r#"{"event":"waiting","for":"a worker of "#), "{}", stdout(&output));
+    cluster.add("store");
+    let again = begun(&bench, &cluster, &[]).wait_with_output().unwrap();
+    let (code, last) = ended(&again);
+    assert_eq!(code, 0, "{} {}", stderr(&again), cluster.said());
+    assert!(total(&last, "reused") >= finished && total(&last, "computed") > 0);
+    same(&bench, "whole", "store");
+    assert_once(&cluster);
+}
+
+#[test]
+fn user_two_runs_at_once_share_a_cluster() {
+    let (bench, units) = scene();
+    let cluster = Cluster::new(MAGLINE, bench.folder.path(), 2);
+    // Another pipeline that asks for other units of the same flights.
+    let other = crate::support::SPEC.replace("\"small\"", "\"other\"").replace("0.025", "0.25");
+    std::fs::write(bench.path("other.toml"), other).unwrap();
+    let other = ["run", "other.toml", "--json", "--set"];
+    let local = bench.magline(&[other.as_slice(), &["store=whole"]].concat());
+    assert!(local.status.success(), "{}", stderr(&local));
+    let first = begun(&bench, &cluster, &[]);
+    let second = Command::new(MAGLINE)
+        .args(other)
+        .args(["store=store", "--engine", &cluster.engine()])
+        .current_dir(bench.folder.path())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    for run in [first, second] {
+        let output = run.wait_with_output().unwrap();
+        let (code, last) = ended(&output);
+        assert_eq!(code, 0, "{} {}", stderr(&output), cluster.said());
+        // What both ask for is computed by one of them, or by both at once.
+        assert_eq!(total(&last, "computed") + total(&last, "reused"), units);
+    }
+    let (expected, found) = (bench.tables("whole"), bench.tables("store"));
+    assert_eq!(expected.keys().collect::<Vec<_>>(), found.keys().collect::<Vec<_>>());
+    assert!(expected == found, "the tables differ");
+}
+
+#[test]
+fn user_a_run_that_is_interrupted_takes_its_tasks_back_and_goes_on() {
+    let (bench, units) = scene();
+    let cluster = Cluster::new(MAGLINE, bench.folder.path(), 2);
+    let run = begun(&bench, &cluster, &[]);
+    under_way(&cluster);
+    send("-INT", &run);
+    let output = run.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(130), "{}", stderr(&output));
+    let before = computed(&cluster).len() as u64;
+    assert!(before < units, "it was over too soon");
+    let again = begun(&bench, &cluster, &[]).wait_with_output().unwrap();
+    assert_eq!(ended(&again).0, 0, "{} {}", stderr(&again), cluster.said());
+    same(&bench, "whole", "store");
+    // What was taken back counts as no attempt.
+    assert!(!bench.path("store/attempts").read_dir().unwrap().any(|_| true));
+}
+
+#[test]
+fn user_a_worker_that_is_told_to_stop_hands_back_what_it_has_not_begun() {
+    let (bench, units) = scene();
+    let mut cluster = Cluster::new(MAGLINE, bench.folder.path(), 2);
+    let run = begun(&bench, &cluster, &[]);
+    under_way(&cluster);
+    send("-TERM", &cluster.workers[0].0);
+    assert_eq!(cluster.workers[0].0.wait().unwrap().code(), Some(0), "{}", cluster.said());
+    let output = run.wait_with_output().unwrap();
+    let (code, last) = ended(&output);
+    assert_eq!(code, 0, "{} {}", stderr(&output), cluster.said());
+    assert_eq!(total(&last, "computed") + total(&last, "reused"), units);
+    same(&bench, "whole", "store");
+    assert_once(&cluster);
+}
+
+#[test]
+fn user_a_worker_with_another_store_leaves_in_words_and_the_others_do_the_work() {
+    let (bench, units) = scene();
+    let mut cluster = Cluster::new(MAGLINE, bench.folder.path(), 0);
+    cluster.add("elsewhere");
+    let alone = begun(&bench, &cluster, &["--patience", "4s"]).wait_with_output().unwrap();
+    let (code, last) = ended(&alone);
+    let said = last["failures"].to_string();
+    assert_eq!(code, 1, "{}", stderr(&alone));
+    assert!(said.contains("the last one refused its task") && said.contains("there is no store elsewhere"), "{said}");
+    assert_eq!(cluster.workers[0].0.wait().unwrap().code(), Some(1));
+    assert!(cluster.said().contains("there is no store elsewhere"), "{}", cluster.said());
+    assert!(!bench.path("elsewhere").exists());
+    // A store, but of other runs.
+    let other = bench.run(&["--set", "store=elsewhere", "--set", "axes.lambda=[0.5]"]);
+    assert_eq!(other.code, 0);
+    cluster.add("elsewhere");
+    cluster.add("store");
+    let output = begun(&bench, &cluster, &[]).wait_with_output().unwrap();
+    let (code, last) = ended(&output);
+    assert_eq!(code, 0, "{} {}", stderr(&output), cluster.said());
+    assert_eq!(total(&last, "computed"), units);
+    same(&bench, "whole", "store");
+    // It may have had no task at all.
+    let left = cluster.workers[1].0.try_wait().unwrap();
+    let said = cluster.said();
+    assert!(left.is_none_or(|left| left.code() == Some(1) && said.contains("does not hold the plan")), "{said}");
+}
+
+/// Answers every question as a scheduler of another version would.
+fn stranger(state: &'static str) -> String {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let at = listener.local_addr().unwrap().to_string();
+    spawn(move || {
+        for stream in listener.incoming() {
+            let mut stream = stream.unwrap();
+            let _ = stream.read(&mut [0; 4096]);
+            let length = state.len();
+            let _ = write!(stream, "HTTP/1.1 200 OK\r\ncontent-length: {length}\r\nconnection: close\r\n\r\n{state}");
+        }
+    });
+    at
+}
+
+#[test]
+fn user_schedulers_that_are_none_or_of_another_version_are_refused_in_words() {
+    let bench = Bench::new();
+    let run = |at: &str| bench.magline(&["run", "spec.toml", "--engine", &format!("ballista://{at}")]);
+    let worker = |at: &str| bench.magline(&["worker", "--scheduler", at, "--cores", "1"]);
+    let free = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().to_string();
+    let silent = run(&free);
+    let said = stderr(&silent);
+    assert!(
+        silent.status.code() == Some(1) && said.contains(&format!("cannot reach the scheduler at {free}")),
+        "{said}"
+    );
+    assert!(said.contains("magline scheduler --bind"), "{said}");
+    for (state, is) in [
+        (r#"{"scheduler_id":"magline-9.9.9-4711"}"#, "is magline 9.9.9; this is magline"),
+        (r#"{"scheduler_id":"5c1e"}"#, "is not one of magline's"),
+        ("<html>", "is no scheduler of Ballista"),
+    ] {
+        let at = stranger(state);
+        let output = run(&at);
+        let status = if state.starts_with('{') { 2 } else { 1 };
+        assert!(output.status.code() == Some(status) && stderr(&output).contains(is), "{}", stderr(&output));
+        if status == 2 {
+            let output = worker(&at);
+            assert!(output.status.code() == Some(2) && stderr(&output).contains(is), "{}", stderr(&output));
+        }
+    }
+    let far = bench.magline(&["worker", "--scheduler", "node-7.cluster:50050"]);
+    assert!(far.status.code() == Some(2) && stderr(&far).contains("--bind"), "{}", stderr(&far));
+    let taken = TcpListener::bind("127.0.0.1:0").unwrap();
+    let output = bench.magline(&["scheduler", "--bind", &taken.local_addr().unwrap().to_string()]);
+    assert!(output.status.code() == Some(1) && stderr(&output).contains("cannot listen on"), "{}", stderr(&output));
+    assert!(!bench.path("store/tables").exists(), "nothing was run");
+}

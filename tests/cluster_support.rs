@@ -1,0 +1,135 @@
+//! A scheduler and workers as processes on this machine, one cluster at a time.
+
+use std::{
+    fs,
+    io::{BufRead, BufReader, Read},
+    path::{Path, PathBuf},
+    process::{Child, Command, Stdio},
+    sync::{Mutex, MutexGuard, PoisonError},
+    thread::{sleep, spawn},
+    time::{Duration, Instant},
+};
+
+/// The longest that anything is waited for: machines that build and test at once are slow.
+const LONGEST: Duration = Duration::from_secs(240);
+
+static ONE: Mutex<()> = Mutex::new(());
+
+/// A cluster. Its processes are killed when it is dropped.
+pub struct Cluster {
+    program: PathBuf,
+    folder: PathBuf,
+    /// HOST:PORT of the scheduler.
+    pub at: String,
+    pub scheduler: Child,
+    /// Each with the file of its receipts.
+    pub workers: Vec<(Child, PathBuf)>,
+    _one: MutexGuard<'static, ()>,
+}
+
+/// Waits until something is so.
+pub fn until(what: &str, mut is: impl FnMut() -> bool) {
+    let begun = Instant::now();
+    while !is() {
+        assert!(begun.elapsed() < LONGEST, "waited too long until {what}");
+        sleep(Duration::from_millis(20));
+    }
+}
+
+/// A scheduler of `program`, and where it listens.
+fn scheduler(program: &Path, folder: &Path, bind: &str) -> (Child, String) {
+    let mut child = Command::new(program)
+        .args(["scheduler", "--bind", bind, "--worker-timeout", "6s"])
+        .current_dir(folder)
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut said = BufReader::new(child.stderr.take().unwrap());
+    let (mut line, mut all) = (String::new(), String::new());
+    let at = loop {
+        line.clear();
+        assert!(said.read_line(&mut line).unwrap() > 0, "the scheduler ended: {all}");
+        all.push_str(&line);
+        if let Some(at) = line.trim().strip_prefix("note: the scheduler listens on ") {
+            break at.to_owned();
+        }
+    };
+    // A pipe that nobody reads would stop it.
+    spawn(move || said.read_to_end(&mut vec![]));
+    (child, at)
+}
+
+impl Cluster {
+    /// A scheduler and `workers` workers of one core, in `folder`, with its folder `store` as store.
+    pub fn new(program: &str, folder: &Path, workers: usize) -> Cluster {
+        let one = ONE.lock().unwrap_or_else(PoisonError::into_inner);
+        let program = PathBuf::from(program);
+        let (scheduler, at) = scheduler(&program, folder, "127.0.0.1:0");
+        let folder = folder.to_owned();
+        let mut cluster = Cluster { program, folder, at, scheduler, workers: vec![], _one: one };
+        (0..workers).for_each(|_| cluster.add("store"));
+        cluster
+    }
+
+    /// The argument of `--engine`.
+    pub fn engine(&self) -> String {
+        format!("ballista://{}", self.at)
+    }
+
+    /// One worker more, with the folder `store`, which is at work when this returns.
+    pub fn add(&mut self, store: &str) {
+        let path = |ending: &str| self.folder.join(format!("worker{}.{ending}", self.workers.len()));
+        let (receipts, said) = (path("jsonl"), path("log"));
+        let child = Command::new(&self.program)
+            .args(["worker", "--scheduler", &self.at, "--store", store, "--cores", "1", "--heartbeat", "1s"])
+            .current_dir(&self.folder)
+            .env("RUST_BACKTRACE", "0")
+            .stdin(Stdio::null())
+            .stdout(fs::File::create(&receipts).unwrap())
+            .stderr(fs::File::create(&said).unwrap())
+            .spawn()
+            .unwrap();
+        self.workers.push((child, receipts));
+        until("a worker is at work", || fs::read_to_string(&said).unwrap().contains("at work for the scheduler"));
+    }
+
+    /// Kills a worker as the system does when memory is short.
+    pub fn kill(&mut self, worker: usize) {
+        let (child, _) = &mut self.workers[worker];
+        child.kill().unwrap();
+        child.wait().unwrap();
+    }
+
+    /// Kills the scheduler, and starts another one at the same address.
+    pub fn another_scheduler(&mut self, after: Duration) {
+        self.scheduler.kill().unwrap();
+        self.scheduler.wait().unwrap();
+        sleep(after);
+        let (scheduler, at) = scheduler(&self.program, &self.folder, &self.at);
+        assert_eq!(at, self.at);
+        self.scheduler = scheduler;
+    }
+
+    /// The receipts of all workers, a line each.
+    pub fn receipts(&self) -> Vec<String> {
+        let of = |file: &PathBuf| fs::read_to_string(file).unwrap().lines().map(str::to_owned).collect::<Vec<_>>();
+        self.workers.iter().flat_map(|(_, file)| of(file)).collect()
+    }
+
+    /// What the workers said on standard error.
+    pub fn said(&self) -> String {
+        let of = |(_, file): &(Child, PathBuf)| fs::read_to_string(file.with_extension("log")).unwrap();
+        self.workers.iter().map(of).collect()
+    }
+}
+
+impl Drop for Cluster {
+    fn drop(&mut self) {
+        for child in self.workers.iter_mut().map(|(child, _)| child).chain([&mut self.scheduler]) {
+            let _ = child.kill();
+            let _ = child.wait();
+        }
+    }
+}
