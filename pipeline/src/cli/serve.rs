@@ -12,7 +12,7 @@ use crate::views::sql::memory;
 #[cfg_attr(not(feature = "serve"), allow(dead_code, reason = "only the feature `serve` reads them"))]
 pub struct ServeArgs {
     /// The store's folder.
-    #[arg(long, default_value = "store")]
+    #[arg(long, default_value = "store", value_parser = super::located)]
     store: PathBuf,
     /// The address to listen at; port 0 takes a free one.
     #[arg(long, value_name = "IP:PORT", default_value = "127.0.0.1:31337")]

@@ -27,7 +27,7 @@ use tonic::Status;
 use uuid::Uuid;
 
 use super::{Settings, parameters};
-use crate::{deep, views::sql::Session};
+use crate::{deep, store::pulled, views::sql::Session};
 
 /// Plans that wait to be asked for, and prepared statements: more than these, and the oldest are forgotten.
 const WAITING: u64 = 1024;
@@ -98,6 +98,7 @@ impl Tables {
     /// # Errors
     /// Fails when the store cannot be read.
     fn session(&self) -> Result<Arc<Session>, Fault> {
+        pulled(&self.store)?;
         let links = self.links();
         // One query opens them; those that come meanwhile wait for it.
         let mut seen = locked(&self.seen);
