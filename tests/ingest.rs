@@ -13,7 +13,7 @@ use arrow_array::RecordBatch;
 use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
 use tempfile::TempDir;
 
-use crate::support::{Bench, line_of, magline, numbers, read, repository, stderr, stdout, texts, write};
+use crate::support::{magline, numbers, read, repository, stderr, stdout, texts};
 
 pub fn sample(name: &str) -> String {
     repository().join("datasets/samples").join(name).display().to_string()

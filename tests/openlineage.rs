@@ -1,18 +1,20 @@
 //! Events of OpenLineage that a run writes to a file or sends to a server.
 
 use std::{
+    collections::BTreeMap,
     fs,
     io::{BufRead, BufReader, Read, Write},
     net::{TcpListener, TcpStream},
     path::Path,
+    process::Command,
 };
 
 use serde_json::Value;
 
 use crate::{
     json_schema::Schemas,
-    schedule::{TABLES, json, summary},
-    support::{Bench, changed, line_of, repository, stderr, write},
+    schedule::{TABLES, summary},
+    support::{Bench, SPEC, changed, line_of, repository, stderr, write},
 };
 
 /// The events in a file of OpenLineage, held against their schemas, those of each facet too.

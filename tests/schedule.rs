@@ -47,7 +47,7 @@ fn holder(bench: &Bench) -> Child {
     child
 }
 
-pub fn json(path: &Path) -> Value {
+fn json(path: &Path) -> Value {
     serde_json::from_str(&fs::read_to_string(path).unwrap()).unwrap()
 }
 

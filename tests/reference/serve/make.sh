@@ -1,5 +1,6 @@
 #!/bin/sh
-# The certificates of tests/serve.rs: an authority and a certificate of localhost, both of no worth to anyone.
+# The certificates of tests/serve.rs: an authority and a certificate of localhost, both of no worth to anyone. They are valid
+# for whoever has a clock: `faketime 2020-01-01 sh make.sh`.
 set -eu
 openssl ecparam -name prime256v1 -genkey -noout -out ca.key
 openssl req -x509 -new -key ca.key -days 36500 -subj "/CN=magline test authority" -out ca.pem
