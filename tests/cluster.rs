@@ -245,7 +245,8 @@ fn user_a_worker_with_another_store_leaves_in_words_and_the_others_do_the_work()
     let (code, last) = ended(&alone);
     let said = last["failures"].to_string();
     assert_eq!(code, 1, "{}", stderr(&alone));
-    assert!(said.contains("the last one refused its task") && said.contains("there is no store elsewhere"), "{said}");
+    // Its refusal may be lost with it; the worker says why it left.
+    assert!(said.contains("no worker has been at the scheduler"), "{said}");
     assert_eq!(cluster.workers[0].0.wait().unwrap().code(), Some(1));
     assert!(cluster.said().contains("there is no store elsewhere"), "{}", cluster.said());
     assert!(!bench.path("elsewhere").exists());
