@@ -1,16 +1,15 @@
 //! A run that is killed at any moment leaves nothing half-written, and goes on where it stopped.
 
 use std::{
-    process::{Command, Stdio},
+    process::{Child, Command, Stdio},
     thread::sleep,
     time::{Duration, Instant},
 };
 
 use crate::support::{Bench, read};
 
-#[test]
-fn user_kill_nine_at_many_moments_then_the_same_bytes() {
-    let bench = Bench::new();
+/// Runs that are ended at many moments, and one that goes on to the end: the tables of an undisturbed run.
+fn same_after(bench: &Bench, end: impl Fn(&mut Child)) {
     let started = Instant::now();
     assert_eq!(bench.run(&["--set", "store=whole"]).code, 0);
     let whole_run = started.elapsed();
@@ -26,8 +25,7 @@ fn user_kill_nine_at_many_moments_then_the_same_bytes() {
             .spawn()
             .unwrap();
         sleep(whole_run * i / (2 * KILLS));
-        // SIGKILL: no handler runs.
-        child.kill().unwrap();
+        end(&mut child);
         died += u32::from(!child.wait().unwrap().success());
         // Whatever is there under a final name can be read.
         for table in ["even", "terms", "clean", "track", "scores"] {
@@ -47,6 +45,21 @@ fn user_kill_nine_at_many_moments_then_the_same_bytes() {
     }
     let left: Vec<_> = std::fs::read_dir(bench.path("killed/tmp")).unwrap().flatten().collect();
     assert!(left.is_empty(), "{left:?}");
+}
+
+#[test]
+fn user_kill_nine_at_many_moments_then_the_same_bytes() {
+    // SIGKILL: no handler runs.
+    same_after(&Bench::new(), |child| child.kill().unwrap());
+}
+
+#[test]
+fn user_interrupts_at_many_moments_then_the_same_bytes() {
+    let interrupt = |child: &mut Child| {
+        Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    };
+    // Tables of several files, of which an interrupt leaves some lines out.
+    same_after(&Bench::of_many_lines(), interrupt);
 }
 
 #[test]

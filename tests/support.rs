@@ -69,6 +69,16 @@ impl Bench {
         bench
     }
 
+    /// The same with three flights more of four lines each: some tables are several files.
+    pub fn of_many_lines() -> Bench {
+        let bench = Bench::new();
+        for flight in ["3", "4", "5"] {
+            let lines = ["01", "02", "03", "04"].map(|line| line_of(flight, &format!("{flight}.{line}"), 1200));
+            write(&bench.path(&format!("flights/{flight}.parquet")), &lines);
+        }
+        bench
+    }
+
     pub fn path(&self, name: &str) -> PathBuf {
         self.folder.path().join(name)
     }

@@ -76,7 +76,9 @@ pub fn compute(worker: &Worker, table: usize, task: &Task, told: &Told) -> Recei
     let mut made = all.spread(worker.compute(&all.first, &usable, &done));
     let repeats = all.repeats();
     made.iter().filter(|m| repeats.contains(&m.unit)).for_each(|m| say(m.unit, m, Outcome::Reused));
-    let lost = write(worker, cut, table, task, &mut made).err();
+    // What an interrupt leaves out is computed by another run, which then writes the whole.
+    let part = task.part || made.len() < pending.len();
+    let lost = write(worker, cut, table, task, part, &mut made).err();
     let mut made = made.into_iter().peekable();
     let answer = |u: &&TaskUnit| {
         let unit = u.unit(table);
@@ -102,7 +104,7 @@ fn name_of(cut: &Cut, part: bool, units: &[Packed]) -> Key {
 }
 
 /// Writes the pack of a task: the new results, and those that the store has. The rows in `made` are moved out.
-fn write(worker: &Worker, cut: &Cut, table: usize, task: &Task, made: &mut [Made]) -> Result<(), Fault> {
+fn write(worker: &Worker, cut: &Cut, table: usize, task: &Task, part: bool, made: &mut [Made]) -> Result<(), Fault> {
     let store = worker.store();
     let mut held = Held::new(worker);
     let mut next = made.iter_mut().peekable();
@@ -146,7 +148,7 @@ fn write(worker: &Worker, cut: &Cut, table: usize, task: &Task, made: &mut [Made
     if units.is_empty() {
         return Ok(());
     }
-    let id = name_of(cut, task.part, &packed);
-    let kind = if task.part { Key::of([b"part", cut.kind.as_ref()]) } else { cut.kind };
+    let id = name_of(cut, part, &packed);
+    let kind = if part { Key::of([b"part", cut.kind.as_ref()]) } else { cut.kind };
     store.pack(id, kind, &cut.schema, &cut.about(id, &written), units)
 }

@@ -153,12 +153,14 @@ impl<'a> Runner<'a> {
         if scattered(found.packs.len(), sheet.layout.chunks.len()) { self.covering(sheet, true) } else { found }
     }
 
-    /// A task a chunk: what is to be written of it, and with `compute` what is to be computed of it.
+    /// A task a chunk: what is to be written of it, and with `compute` what is to be computed of it. Without, a chunk of which an
+    /// interrupt has left units out stays in parts, until another run makes it whole.
     fn tasks_here(&self, sheet: &Sheet, cover: &Cover, compute: bool) -> Vec<Handed> {
         let whole = sheet.whole(self.options.compact);
+        let pending = |i: usize| matches!(sheet.known[i], Known::Pending(_));
         let of_chunk = |range: &Range<usize>| {
-            let pending = |i: usize| compute && matches!(sheet.known[i], Known::Pending(_));
-            if !range.clone().any(|i| pending(i) || sheet.is_stale(i, cover, false)) {
+            let unfinished = range.clone().any(pending);
+            if unfinished && !compute || !unfinished && !range.clone().any(|i| sheet.is_stale(i, cover, false)) {
                 return None;
             }
             let at: Vec<usize> = range.clone().filter(|i| pending(*i) || sheet.is_stale(*i, cover, whole)).collect();
