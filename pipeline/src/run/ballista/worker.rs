@@ -41,6 +41,8 @@ const RESTS: Duration = Duration::from_secs(5);
 const PATIENCE: Duration = Duration::from_secs(5);
 /// The time between two looks at the scheduler.
 const LOOKS_EVERY: Duration = Duration::from_secs(5);
+/// How long a run may take to fetch an answer.
+const FETCHED_AFTER: Duration = Duration::from_secs(2);
 
 /// What a worker is to be.
 #[derive(Clone, Debug)]
@@ -82,10 +84,14 @@ pub type Hear = Box<dyn Fn(&Receipt) + Send + Sync>;
 /// Why this worker must end: the scheduler is another version, or its store is not that of the runs.
 static AT_ODDS: OnceLock<Fault> = OnceLock::new();
 
-fn leave(why: Fault) {
+/// Ends this worker after a while: what it has answered, and the run has not fetched, goes with it.
+fn leave(why: Fault, after: Duration) {
     if AT_ODDS.set(why).is_ok() {
-        // The executor hears of it as of any other request to end, and finishes what it computes.
-        let _ = raise(Signal::SIGTERM);
+        thread::spawn(move || {
+            sleep(after);
+            // The executor hears of it as of any other request to end, and finishes what it computes.
+            raise(Signal::SIGTERM)
+        });
     }
 }
 
@@ -226,7 +232,7 @@ impl Crew {
                         looked = Instant::now();
                         // One that does not answer may come back.
                         if let Err(why @ Trouble::Other(_)) = scheduler.name() {
-                            leave(why.fault(&self.0.authority));
+                            leave(why.fault(&self.0.authority), Duration::ZERO);
                         }
                     }
                 }
@@ -304,7 +310,7 @@ impl Crew {
                     if !self.0.proven.load(Ordering::Relaxed) {
                         let fault =
                             Fault::machine(format!("the first task that this worker was given is refused: {why}"));
-                        leave(fault.help("`--store` names the folder that runs have as `store`"));
+                        leave(fault.help("`--store` names the folder that runs have as `store`"), FETCHED_AFTER);
                     }
                     return refused(why);
                 }
@@ -324,7 +330,7 @@ impl Crew {
 impl Compute for Crew {
     fn answers(&self, tasks: Vec<Handed>, version: &str, leash: &Leash) -> Vec<Answered> {
         if version != VERSION {
-            leave(Trouble::Other(format!("magline {version}")).fault(&self.0.authority));
+            leave(Trouble::Other(format!("magline {version}")).fault(&self.0.authority), FETCHED_AFTER);
             let why = format!("the worker is magline {VERSION}, and the run is of magline {version}");
             let one = |h: Handed| Answered {
                 id: h.id,
