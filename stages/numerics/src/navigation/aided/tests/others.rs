@@ -1,6 +1,8 @@
 //! The further measurements in the other filters: against the dense chain of all states, against each other, and on flights with
 //! known truth.
 
+use std::cell::Cell;
+
 use super::flights::{Consistency, SAMPLES, consistency_of, difference_nt, drifting, lasting_error_nt};
 use super::*;
 use crate::navigation::adaptive::{self, Adapt, AdaptiveForm, AdaptiveParameters};
@@ -8,8 +10,10 @@ use crate::navigation::crlb::{self, TruePath};
 use crate::navigation::fixed_lag::{self, FixedLagParameters, Keep};
 use crate::navigation::line::NavigationLine;
 use crate::navigation::online::{self, CoefficientPrior, LineModel, OnlineParameters};
+use crate::navigation::online_nn::{self, Activation, Network, NetworkPrior};
 use crate::navigation::rts::{self, SmootherParameters};
 use crate::navigation::scenes::plane;
+use crate::random::Normals;
 
 /// The noise is learnt within bounds that leave it where it is.
 fn by_adaptive(line: &NavigationLine<'_>, aids: &Aids<'_>) -> NavigationOutput {
@@ -26,6 +30,29 @@ fn by_online(line: &NavigationLine<'_>, aids: &Aids<'_>) -> NavigationOutput {
     let parameters = OnlineParameters { keep_states: true, keep_covariance: true, ..OnlineParameters::default() };
     let model = LineModel { aids: *aids, ..LineModel::of(line) };
     online::run(&model, &[magnetometer], None, &parameters).unwrap().navigation
+}
+
+/// An aircraft whose field is a network's, of which the filter knows the output layer to `spread` (of 20 nT) and the rest exactly.
+fn by_network(line: &NavigationLine<'_>, aids: &Aids<'_>, spread: f64, seed: u64) -> NavigationOutput {
+    const INPUTS: usize = 3;
+    const HIDDEN: usize = 4;
+    let of_row = |row: usize| [(0.11 * row as f64).sin(), (0.05 * row as f64).cos(), (0.17 * row as f64 + 1.0).sin()];
+    let features: Vec<f64> = (0..line.ins.len()).flat_map(of_row).collect();
+    let network = Network::new(&features, INPUTS, HIDDEN, Activation::Tanh, 20.0).unwrap();
+    let (weights, states) = (network.draw(seed), network.weights());
+    let (mut truth, mut covariance) = (weights.clone(), vec![0.0; states * states]);
+    let mut normals = Normals::new(9000 + seed);
+    for weight in states - HIDDEN - 1..states {
+        truth[weight] += spread * normals.draw();
+        covariance[weight * (states + 1)] = spread * spread;
+    }
+    let own_nt = network.standardised(&features);
+    let own_nt = own_nt.chunks_exact(INPUTS).map(|inputs| network.value(inputs, &truth));
+    let measured_nt: Vec<f64> = line.measurement_nt.iter().zip(own_nt).map(|(nt, own)| nt + own).collect();
+    let prior = NetworkPrior { weights, covariance, walk_density: vec![0.0; states], misfit_nt: 0.0 };
+    let parameters = OnlineParameters { keep_states: true, keep_covariance: true, ..OnlineParameters::default() };
+    let line = NavigationLine { measurement_nt: &measured_nt, ..*line };
+    online_nn::run(&line, &network, &features, &prior, aids, &parameters).unwrap().navigation
 }
 
 fn by_fixed_lag(line: &NavigationLine<'_>, aids: &Aids<'_>, (window_s, lag_s): (f64, f64)) -> NavigationOutput {
@@ -145,6 +172,7 @@ fn assert_all(line: &NavigationLine<'_>, aids: &Aids<'_>, chain: &Chain, part: f
     }
     chain.assert(&by_adaptive(line, aids), last.clone(), part, "adaptive");
     chain.assert(&by_online(line, aids), last.clone(), part, "online");
+    chain.assert(&by_network(line, aids, 0.0, 1), last.clone(), part, "online network");
     chain.assert(&by_fixed_lag(line, aids, (12.0, 0.0)), last.clone(), part, "fixed lag, lag 0");
     chain.assert(&by_fixed_lag(line, aids, (1000.0, 1000.0)), 0..ROWS, part, "fixed lag, whole line");
     chain.assert(&by_rts(line, aids), 0..ROWS, part, "rts");
@@ -201,7 +229,10 @@ fn law_filters_that_linearise_alike_agree_over_hills_with_all_measurements() {
     scene.with(|line| {
         let aids = aids(&read);
         let ekf = run(line, &aids, &keep(Linearisation::Once)).unwrap().navigation;
-        for (name, found) in [("adaptive", by_adaptive(line, &aids)), ("online", by_online(line, &aids))] {
+        let of_network = by_network(line, &aids, 0.0, 1);
+        for (name, found) in
+            [("adaptive", by_adaptive(line, &aids)), ("online", by_online(line, &aids)), ("network", of_network)]
+        {
             let off = difference(&found, &ekf);
             assert!(off < 1e-7, "{name}: {off:e}");
         }
@@ -212,7 +243,10 @@ fn law_filters_that_linearise_alike_agree_over_hills_with_all_measurements() {
         let flat = Aids { flat_over_m: Some(5.0 / slopes[ROWS / 2]), ..aids };
         let ekf = run(line, &flat, &keep(Linearisation::Once)).unwrap();
         assert!(difference(&ekf.navigation, &usual.navigation) > 1e-3);
-        for (name, found) in [("adaptive", by_adaptive(line, &flat)), ("online", by_online(line, &flat))] {
+        let of_network = by_network(line, &flat, 0.0, 1);
+        for (name, found) in
+            [("adaptive", by_adaptive(line, &flat)), ("online", by_online(line, &flat)), ("network", of_network)]
+        {
             let off = difference(&found, &ekf.navigation);
             assert!(off < 1e-7, "flat, {name}: {off:e}");
         }
@@ -276,6 +310,11 @@ fn law_every_filter_is_as_good_as_it_says_with_a_difference_and_a_map_that_errs(
         output.line.navigation
     });
     let online = flown("ekf_online_tl", by_online);
+    let flight = Cell::new(0);
+    let network = flown("ekf_online_nn", |line, aids| {
+        flight.set(flight.get() + 1);
+        by_network(line, aids, 0.5, flight.get())
+    });
     let lagged = |lag_s: f64| {
         move |line: &NavigationLine<'_>, aids: &Aids<'_>| {
             let parameters = FixedLagParameters { lag_s, measurement_interval_s: 0.0, ..FixedLagParameters::default() };
@@ -289,5 +328,7 @@ fn law_every_filter_is_as_good_as_it_says_with_a_difference_and_a_map_that_errs(
     for filter in [&adaptive, &online, &now] {
         assert!(filter.square_m2 < 1.2 * ekf.square_m2, "{} {}", filter.square_m2, ekf.square_m2);
     }
+    // Five weights more are to be found, of 10 nT each.
+    assert!(network.square_m2 < 2.0 * ekf.square_m2, "{} {}", network.square_m2, ekf.square_m2);
     assert!(later.square_m2 < ekf.square_m2 && whole.square_m2 < 0.5 * ekf.square_m2);
 }
