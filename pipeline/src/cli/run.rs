@@ -1,0 +1,219 @@
+//! `magline run` and `magline compact`.
+
+use std::sync::atomic::Ordering;
+
+use clap::Args;
+use schemas::Entry;
+
+use super::{
+    QUIET, SpecArgs, Stop, counted, engine, events, interrupt, note, progress::Progress, say, schedule, tell, threads,
+};
+use crate::{
+    plan::Plan,
+    read_spec,
+    run::{Engine, Event, Listener, Options, Summary, again, said_once, search},
+    spec::Faults,
+    store,
+    views::{self, score_table, scores, warnings},
+};
+
+/// What is run, and how.
+#[derive(Args)]
+pub struct RunArgs {
+    #[command(flatten)]
+    spec: SpecArgs,
+    /// The number of threads; all cores by default. Results do not depend on it.
+    #[arg(long, value_parser = threads::count)]
+    threads: Option<usize>,
+    #[command(flatten)]
+    engine: engine::EngineArgs,
+    /// Read the bytes of every input, even where its size and time are unchanged.
+    #[arg(long)]
+    verify_inputs: bool,
+    #[command(flatten)]
+    schedule: schedule::ScheduleArgs,
+    /// One JSON event per line on standard output; `magline run --help` describes them.
+    #[arg(long)]
+    json: bool,
+    /// No progress, no notes and no tables: only errors, and one line if results are marked.
+    #[arg(short, long)]
+    quiet: bool,
+}
+
+/// What `magline run --help` says of its output and exit status.
+pub const JSON_HELP: &str = "\
+Scores are marked where a filter is worse than its INS alone (worse_than_ins), where its NEES is outside of 0.2 to 20 (its \
+law is 2) or its NIS outside of 0.25 to 4 (its law is 1). These, maps at another height than the flight (map_height), \
+lines that are mostly off the map (off_map) and warnings of a fit (fit) are rows of the table \
+<name>.warnings, with the likely cause. They do not change the exit status.
+
+Events of --json, one object per line, each with the key `event`:
+  reading     table, file, simulated, lines, of_lines, done, all: a file is begun or done, or has one more line
+  started     pipeline, version, run, time, units, notes
+  computing   table, units: how many of its units (a line at a sweep point, or a fit) are computed now
+  unit        table, axes, flight, line, status (computed, reused, failed, skipped), error
+  waiting     for: what is missing to go on, such as a worker of a cluster; null when it goes on
+  searching   generation, rung, trials (their numbers), of, best (trial, goal): trials that are computed next
+  trial       trial, generation, rung, axes, goal, state (done, promoted, pruned, failed), error, best
+  publishing  table
+  table       table, seconds, computed, reused, failed, skipped
+  finished    computed, reused, failed, skipped; version, run, time, seconds, folder; tables (the same counts and the \
+seconds of each); failures; notes; warnings (stage, axes, flight, line, kind, value, limit, unit, text, cause); scores \
+(stage, axes, lines, marked, metrics: pooled over the lines, null where there is none); left (tables that --until left \
+as they were), compared (of --force: table, units, differ); interrupted
+
+Exit status: 0 all is there; 1 something failed, the rest is kept; 2 the spec, an argument or an input is wrong, nothing \
+was run; 3 another run of the pipeline has the lock; 4 stopped by --max-time; 130 interrupted. After 4 and 130 the same \
+command goes on from there.
+
+`run` is a hash of what is asked and of the data it is asked of: the same for the same spec and inputs. `time` is UTC.";
+
+/// Runs a spec; with `compact` its tables become the files of a single run.
+///
+/// # Errors
+/// Fails when something of it fails, and when it is stopped.
+pub fn run(catalogue: &[Entry], args: &RunArgs, compact: bool) -> Result<(), Stop> {
+    let engine = engine::engine(&args.engine, args.threads)?;
+    let watch = schedule::watch(&args.schedule, &args.spec)?;
+    interrupt::listen();
+    QUIET.store(args.quiet, Ordering::Relaxed);
+    let ran = ran(catalogue, args, compact, &*engine, &watch);
+    let (done, summary) = match ran {
+        Ok((done, summary)) => (done, Some(summary)),
+        Err(stop) => (Err(stop), None),
+    };
+    watch.end(&done, summary.as_ref());
+    done
+}
+
+/// A run that has come to an end, and what its user is told of it.
+fn ran(
+    catalogue: &[Entry],
+    args: &RunArgs,
+    compact: bool,
+    engine: &dyn Engine,
+    watch: &schedule::Watch,
+) -> Result<(Result<(), Stop>, Summary), Stop> {
+    let read = || {
+        let mut spec = read_spec(&args.spec.spec, &args.spec.sets)?;
+        spec.verify_inputs = args.verify_inputs;
+        spec.settle = args.schedule.settle();
+        Plan::new(spec, catalogue)
+    };
+    let (plan, store, publisher) = args.schedule.enter(&read, watch)?;
+    let named = args.schedule.named(&plan)?;
+    let pool = threads::pool(args.threads)?;
+    let options = Options { wait: false, compact, retries: args.engine.retries, engine, until: named.until };
+    watch.begin(&plan);
+    let limit = args.schedule.limit();
+    let run = |listener: &dyn Listener| -> Result<(Plan, Summary), Faults> {
+        let but_the_end = schedule::ButTheEnd(listener);
+        let heard: &dyn Listener = if named.force.is_some() { &but_the_end } else { listener };
+        let (plan, mut summary) = search(plan, catalogue, &store, &publisher, options, &schedule::Both(watch, heard))?;
+        if let Some(table) = named.force {
+            if !summary.interrupted {
+                match again(&plan, &store, table, &schedule::Working(listener))? {
+                    Some(found) => schedule::told_again(&mut summary, found),
+                    None => summary.interrupted = true,
+                }
+            }
+            listener.hear(&Event::Finished { summary: &summary });
+        }
+        Ok((plan, summary))
+    };
+    let (plan, summary) = if args.json {
+        let json = events::Json::new();
+        pool.install(|| run(&json))?
+    } else {
+        let progress = Progress::new(args.quiet);
+        pool.install(|| run(&progress))?
+    };
+    drop(limit);
+    if !args.json {
+        conclude(&plan, &summary, args.quiet)?;
+    }
+    Ok((ending(&summary, args.json), summary))
+}
+
+/// The summary of a run without `--json`.
+fn conclude(plan: &Plan, summary: &Summary, quiet: bool) -> Result<(), Stop> {
+    let table = format!("{}.warnings", plan.spec.name);
+    let warned = warnings::told(&summary.warnings, &table);
+    if quiet {
+        warned.last().into_iter().for_each(|line| tell(&format!("warning: {line}")));
+        return Ok(());
+    }
+    for text in &summary.notes {
+        note(text);
+    }
+    say(table_of(summary))?;
+    if summary.quality > 0 {
+        let (findings, lines) = (counted(summary.quality, "finding"), counted(summary.quality_lines, "line"));
+        tell(&format!("data quality: {findings} in {lines}; see the table `{}.quality`", plan.spec.name));
+    }
+    say(scores_of(summary))?;
+    say(views::trials(plan, &summary.trials))?;
+    warned.iter().for_each(|line| tell(&format!("warning: {line}")));
+    Ok(())
+}
+
+/// The outcome of each table.
+fn table_of(summary: &Summary) -> String {
+    let words = |w: [&str; 5]| w.map(str::to_owned).to_vec();
+    let mut rows = vec![words(["table", "computed", "reused", "failed", "skipped"])];
+    for (name, c) in &summary.tables {
+        rows.push(vec![
+            name.clone(),
+            c.computed.to_string(),
+            c.reused.to_string(),
+            c.failed.to_string(),
+            c.skipped.to_string(),
+        ]);
+    }
+    crate::views::text::columns(&rows, 1) + &format!("\ntables are in {}\n", store::shown_below(&summary.folder))
+}
+
+/// The pooled scores of each table of scores, as wide as the terminal.
+fn scores_of(summary: &Summary) -> String {
+    const ROWS: usize = 100;
+    let width = console::Term::stdout().size_checked().map_or(score_table::WIDTH, |(_, columns)| usize::from(columns));
+    let one = |(name, found): &(String, scores::Scores)| {
+        let lines = if found.lines == 1 { "one line".to_owned() } else { format!("pooled over {} lines", found.lines) };
+        format!("\n{name}, {lines}\n{}", score_table::render(found, width, ROWS))
+    };
+    summary.scores.iter().map(one).collect()
+}
+
+fn ending(summary: &Summary, json: bool) -> Result<(), Stop> {
+    if summary.interrupted {
+        return Err(if schedule::is_out_of_time() { Stop::OutOfTime } else { Stop::Interrupted });
+    }
+    if summary.failures.is_empty() {
+        return Ok(());
+    }
+    const SHOWN: usize = 20;
+    let mut text = format!("{} failed:", summary.failures.len());
+    let said = said_once(&summary.failures);
+    for (f, lines) in said.iter().take(SHOWN) {
+        let point: Vec<String> = f.point.iter().map(|(k, v)| format!("{k}={v}")).collect();
+        let line = f
+            .line
+            .as_ref()
+            .filter(|_| f.fault.place.line.is_none())
+            .map(|(a, b)| format!(" flight {a}, line {b}"))
+            .unwrap_or_default();
+        text.push_str(&format!("\n  {}{line} {}: {}", f.table, point.join(" "), f.fault));
+        if *lines > 1 {
+            text.push_str(&format!(" (and in {} of the file)", counted(lines - 1, "more line")));
+        }
+    }
+    if said.len() > SHOWN {
+        text.push_str(&format!("\n  and {} more", said.len() - SHOWN));
+    }
+    let differ: usize = summary.compared.iter().map(|c| c.differ.len()).sum();
+    if differ < summary.failures.len() {
+        let which = if differ > 0 { "those of the run" } else { "all of them" };
+        text.push_str(&format!("\n{which} are in {}", summary.folder.join("failures").display()));
+    }
+    Err(Stop::Failed(if json { String::new() } else { text }))
+}
