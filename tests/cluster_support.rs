@@ -78,14 +78,20 @@ impl Cluster {
         format!("ballista://{}", self.at)
     }
 
-    /// One worker more, with the folder `store`, which is at work when this returns.
+    /// One worker more, with the store `store`, which is at work when this returns.
     pub fn add(&mut self, store: &str) {
+        self.add_with(store, &[]);
+    }
+
+    /// The same with variables of its environment.
+    pub fn add_with(&mut self, store: &str, env: &[(String, String)]) {
         let path = |ending: &str| self.folder.join(format!("worker{}.{ending}", self.workers.len()));
         let (receipts, said) = (path("jsonl"), path("log"));
         let child = Command::new(&self.program)
             .args(["worker", "--scheduler", &self.at, "--store", store, "--cores", "1", "--heartbeat", "1s"])
             .current_dir(&self.folder)
             .env("RUST_BACKTRACE", "0")
+            .envs(env.iter().cloned())
             .stdin(Stdio::null())
             .stdout(fs::File::create(&receipts).unwrap())
             .stderr(fs::File::create(&said).unwrap())

@@ -14,7 +14,10 @@ use clap::Args;
 use log::LevelFilter;
 
 use super::{Stop, engine, note, task, tend::age, threads};
-use crate::run::ballista::{self, Ended, WorkerConfig};
+use crate::{
+    run::ballista::{self, Ended, WorkerConfig},
+    store::shown,
+};
 
 /// How long a worker that has lost its scheduler waits before it begins again.
 const AGAIN_AFTER: Duration = Duration::from_secs(1);
@@ -124,7 +127,7 @@ pub fn worker(args: &WorkerArgs) -> Result<(), Stop> {
         )));
     }
     if !args.store.join("STORE").is_file() {
-        note(&format!("there is no store {} yet; tasks are refused until a run has made it", args.store.display()));
+        note(&format!("there is no store {} yet; tasks are refused until a run has made it", shown(&args.store)));
     }
     let config = WorkerConfig {
         host,

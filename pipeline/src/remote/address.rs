@@ -7,7 +7,7 @@ use schemas::Fault;
 /// A kind of object store.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Scheme {
-    /// Amazon S3, and what speaks its language: MinIO, Ceph, Garage.
+    /// Amazon S3, and servers with the same interface: MinIO, Ceph, Garage.
     S3,
     /// Google Cloud Storage.
     Gs,
@@ -18,7 +18,7 @@ pub enum Scheme {
 impl Scheme {
     const ALL: [Scheme; 3] = [Scheme::S3, Scheme::Gs, Scheme::Az];
 
-    /// As it stands before `://`.
+    /// The scheme of an address, without `://`.
     pub fn as_str(self) -> &'static str {
         match self {
             Scheme::S3 => "s3",
@@ -35,7 +35,7 @@ pub struct Address {
     pub scheme: Scheme,
     /// The bucket.
     pub bucket: String,
-    /// What follows, without slashes at its ends; may be empty.
+    /// The name of the object, or the beginning of several names, without slashes at its ends; may be empty.
     pub key: String,
 }
 

@@ -1,4 +1,4 @@
-//! The objects below an address, for code that waits for them.
+//! The objects below an address, with calls that block until the answer is there.
 
 use std::{
     fs::File,
@@ -12,7 +12,7 @@ use std::{
         mpsc,
     },
     thread,
-    time::{Duration, SystemTime},
+    time::{Duration, Instant, SystemTime},
 };
 
 use futures::TryStreamExt;
@@ -25,12 +25,14 @@ use tokio::runtime::Runtime;
 
 use super::address::Address;
 
-/// What is longer is read and written in parts of so many bytes.
+/// The bytes of a part: longer objects are read and written in parts.
 const PART: u64 = 16 << 20;
-/// Requests under way at a time, where there are many to make.
+/// The number of concurrent requests, where there are many to make.
 const AT_ONCE: usize = 16;
-/// How often an answer that was cut is asked for.
+/// The number of attempts at a request whose answer was cut, or did not come.
 const TRIALS: u32 = 4;
+/// The time since the first attempt after which no other one is made.
+pub(super) const RETRY_TIMEOUT: Duration = Duration::from_secs(120);
 /// The threads that wait for answers.
 const THREADS: usize = 2;
 
@@ -58,7 +60,8 @@ pub struct Bucket {
     address: Address,
 }
 
-/// Waits for what is done by requests, on threads of their own: the caller's may be one that must not wait.
+/// Runs requests on threads of their own and waits for the result: the caller's thread may belong to another runtime, which must
+/// not be blocked by one of its futures.
 fn wait<T: Send + 'static>(work: impl Future<Output = T> + Send + 'static) -> Result<T, Fault> {
     static RUNTIME: OnceLock<Option<Runtime>> = OnceLock::new();
     let build = || tokio::runtime::Builder::new_multi_thread().worker_threads(THREADS).enable_all().build().ok();
@@ -66,13 +69,13 @@ fn wait<T: Send + 'static>(work: impl Future<Output = T> + Send + 'static) -> Re
     let runtime = runtime.ok_or_else(|| Fault::machine("cannot start threads for requests to an object store"))?;
     let (send, receive) = mpsc::channel();
     runtime.spawn(async move {
-        // Whoever waited is there until the answer is.
+        // The receiver below lives until it has the answer.
         let _ = send.send(work.await);
     });
     receive.recv().map_err(|_| Fault::bug("a request to an object store ended without an answer"))
 }
 
-/// Does `work` on every item, several at a time, and gives back the answers in the order of the items, or the first fault.
+/// Calls `work` on every item, several at a time. The answers are in the order of the items; the first fault ends the work.
 ///
 /// # Errors
 /// Fails where `work` does.
@@ -108,7 +111,7 @@ pub fn each<T: Sync, A: Send>(items: &[T], work: impl Fn(&T) -> Result<A, Fault>
     fault.map_or(Ok(found), Err)
 }
 
-/// The chain of an error's causes without what is secret: no query of an address, and of an answer in XML its code and message.
+/// The text of an error without secrets: addresses lose their query, and of an answer in XML code and message are kept.
 fn plain(error: &Error) -> String {
     const LONGEST: usize = 400;
     let text = error.to_string();
@@ -130,6 +133,25 @@ fn plain(error: &Error) -> String {
 fn is_missing_bucket(error: &Error) -> bool {
     let text = error.to_string();
     ["NoSuchBucket", "ContainerNotFound", "bucket does not exist"].iter().any(|code| text.contains(code))
+}
+
+/// Whether the connection ended, or the time was over, before the answer: the server may have done what was asked.
+#[cfg(feature = "object-stores")]
+fn is_unanswered(error: &Error) -> bool {
+    use object_store::client::{HttpError, HttpErrorKind};
+    let mut cause: Option<&(dyn std::error::Error + 'static)> = Some(error);
+    while let Some(this) = cause {
+        if let Some(http) = this.downcast_ref::<HttpError>() {
+            return matches!(http.kind(), HttpErrorKind::Timeout | HttpErrorKind::Interrupted);
+        }
+        cause = this.source();
+    }
+    false
+}
+
+#[cfg(not(feature = "object-stores"))]
+fn is_unanswered(_: &Error) -> bool {
+    false
 }
 
 /// Whether an answer began and did not come to its end.
@@ -180,6 +202,9 @@ impl Bucket {
                 .help("make it with the tools of its provider, or name another");
         }
         match error {
+            Error::Precondition { .. } => {
+                Fault::machine(format!("cannot {doing} {address}: it was replaced meanwhile")).help("run again")
+            }
             _ if text.contains("169.254.169.254") || text.contains("metadata.google") => {
                 Fault::machine(format!("cannot {doing} {address}: no credentials are found"))
                     .help("set them in the environment or a profile: see pipeline/OBJECTS.md")
@@ -234,7 +259,7 @@ impl Bucket {
         Ok(self.get_tagged(key)?.map(|(bytes, _)| bytes))
     }
 
-    /// What is known of an object; `None` where there is none.
+    /// Size, version and time of an object; `None` where there is none.
     ///
     /// # Errors
     /// Fails when the server cannot be reached or refuses.
@@ -250,7 +275,7 @@ impl Bucket {
     /// Some bytes of an object; `None` where there is none.
     ///
     /// # Errors
-    /// Fails when the server cannot be reached or refuses, and where the object has not so many.
+    /// Fails when the server cannot be reached or refuses, and where the object is shorter.
     pub fn range(&self, key: &str, range: Range<u64>, tag: Option<&str>) -> Result<Option<Vec<u8>>, Fault> {
         let (objects, name) = (self.objects.clone(), self.name(key)?);
         let want = range.end.saturating_sub(range.start);
@@ -358,13 +383,25 @@ impl Bucket {
     }
 
     fn on_condition(&self, key: &str, bytes: &[u8], mode: PutMode) -> Result<bool, Fault> {
-        match self.put_as(key, bytes.to_vec(), mode)? {
-            Ok(_) => Ok(true),
-            // The answer to a first trial may have been lost, and the object be the one of this writer.
-            Err(Error::AlreadyExists { .. } | Error::Precondition { .. }) => {
-                Ok(self.get(key)?.is_some_and(|there| there == bytes))
+        let (begun, mut trial) = (Instant::now(), 0);
+        loop {
+            trial += 1;
+            let last = trial >= TRIALS || begun.elapsed() > RETRY_TIMEOUT;
+            match self.put_as(key, bytes.to_vec(), mode.clone())? {
+                Ok(_) => return Ok(true),
+                Err(e @ (Error::AlreadyExists { .. } | Error::Precondition { .. })) => match (self.get(key)?, &mode) {
+                    // The answer to an attempt before may have been lost, and the object be the one of this writer.
+                    (Some(there), _) => return Ok(there == bytes),
+                    // Another request was under way (status 409), or the object was removed since.
+                    (None, PutMode::Create) if last => return Err(self.fault("write", key, &e)),
+                    (None, PutMode::Create) => {}
+                    (None, PutMode::Overwrite | PutMode::Update(_)) => return Ok(false),
+                },
+                // Such a request is not repeated by the client, which does not compare what is there.
+                Err(e) if last || !is_unanswered(&e) => return Err(self.fault("write", key, &e)),
+                Err(_) => {}
             }
-            Err(e) => Err(self.fault("write", key, &e)),
+            pause(trial);
         }
     }
 
@@ -392,7 +429,7 @@ impl Bucket {
                     Err(e) => Err(Error::Generic { store: "local file", source: Box::new(e) }),
                 };
                 if let Err(e) = sent {
-                    // What the server keeps of it is never visible; its rules of life remove it.
+                    // The parts are not visible; a lifecycle rule of the bucket removes what an abort leaves.
                     let _ = upload.abort().await;
                     return Err(e);
                 }
@@ -450,10 +487,18 @@ impl Bucket {
     /// Fails when the server cannot be reached or refuses.
     pub fn remove(&self, key: &str) -> Result<(), Fault> {
         let (objects, name) = (self.objects.clone(), self.name(key)?);
-        match wait(async move { objects.delete(&name).await })? {
-            Ok(()) => Ok(()),
-            Err(e) if is_missing(&e) => Ok(()),
-            Err(e) => Err(self.fault("remove", key, &e)),
+        let delete = move || async move { objects.delete(&name).await };
+        let (begun, mut trial) = (Instant::now(), 0);
+        loop {
+            trial += 1;
+            match wait(delete.clone()())? {
+                Ok(()) => return Ok(()),
+                Err(e) if is_missing(&e) => return Ok(()),
+                Err(e) if trial >= TRIALS || begun.elapsed() > RETRY_TIMEOUT || !is_unanswered(&e) => {
+                    return Err(self.fault("remove", key, &e));
+                }
+                Err(_) => pause(trial),
+            }
         }
     }
 

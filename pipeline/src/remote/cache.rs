@@ -1,8 +1,8 @@
-//! The cache: the folder of this machine that holds what was read of object stores.
+//! The cache: the folder of this machine with copies of objects.
 //!
 //! ```text
 //! stores/<name>-<hash>/   a store, laid out as one in a folder is; the file REMOTE in it says of which address
-//! files/<place>/<bucket>/ inputs, under their own names; beside each, as `.<name>.etag`, the version that it is
+//! files/<place>/<bucket>/ inputs, under their own names, each with its version in the file `.<name>.etag`
 //! ```
 //! It is the folder `MAGLINE_CACHE`, or else `magline` in `XDG_CACHE_HOME` or in `.cache` of the home. All of it can be removed
 //! while no program uses it.
@@ -26,9 +26,10 @@ fn folder() -> Result<PathBuf, Fault> {
     let own = set("MAGLINE_CACHE");
     let shared = || set("XDG_CACHE_HOME").filter(|p| p.is_absolute()).map(|p| p.join("magline"));
     let home = || set("HOME").map(|p| p.join(".cache").join("magline"));
-    let found = own.or_else(shared).or_else(home).ok_or_else(|| {
-        Fault::machine("there is no folder for what is read of object stores").help("name one as MAGLINE_CACHE")
-    })?;
+    let found = own
+        .or_else(shared)
+        .or_else(home)
+        .ok_or_else(|| Fault::machine("there is no folder for copies of objects").help("name one as MAGLINE_CACHE"))?;
     std::path::absolute(&found).map_err(|e| Fault::machine(format!("cannot use the folder {}: {e}", found.display())))
 }
 

@@ -19,7 +19,7 @@ pub fn supported() -> Result<(), Fault> {
     Err(fault.help("build it with `cargo build --features object-stores`, or name a folder"))
 }
 
-/// What says where a kind of store is, where it is not at its provider's; empty where it is.
+/// The endpoint of a kind of store, or for Azure its account, as the environment names it; empty for the provider's own endpoint.
 pub fn endpoint(scheme: Scheme) -> String {
     let set = |name: &&str| std::env::var(name).ok().filter(|v| !v.is_empty());
     let names: &[&str] = match scheme {
@@ -75,7 +75,7 @@ fn open(address: &Address) -> Result<Bucket, Fault> {
             base: 2.0,
         },
         max_retries: 8,
-        retry_timeout: Duration::from_secs(120),
+        retry_timeout: super::bucket::RETRY_TIMEOUT,
     };
     let unset = |prefix: &str| {
         let prefix = prefix.to_owned();

@@ -36,7 +36,7 @@ fn parts(key: &str) -> (&str, &str) {
     key.rsplit_once('/').unwrap_or(("", key))
 }
 
-/// A name without what follows its last dot.
+/// A name without its extension.
 fn stem(key: &str) -> &str {
     let (folder, name) = parts(key);
     let cut = name.rfind('.').filter(|at| *at > 0).unwrap_or(name.len());
@@ -44,8 +44,8 @@ fn stem(key: &str) -> &str {
     key.get(..before + cut).unwrap_or(key)
 }
 
-/// Whether an object may stand beside `key`: the same folder, and the same name up to a dot.
-fn is_beside(key: &str, other: &str) -> bool {
+/// Whether an object is a companion of `key`, such as the header of a grid: the same folder, and the same name up to a dot.
+fn is_companion(key: &str, other: &str) -> bool {
     parts(key).0 == parts(other).0
         && other.strip_prefix(stem(key)).is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
 }
@@ -94,7 +94,7 @@ impl Copies {
             let what = format!("{} was removed while it was read", self.bucket.address().below(&about.key));
             Err(Fault::machine(what).help("run again"))
         });
-        // The note goes before the copy it is of, so that none is ever beside another copy.
+        // The note is removed before the copy is replaced, so that it never names the version of another copy.
         let settled = fetched.and_then(|()| {
             match fs::remove_file(&note) {
                 Err(e) if e.kind() != std::io::ErrorKind::NotFound => return Err(trouble("remove", &note, &e)),
@@ -116,14 +116,14 @@ impl Copies {
         each(wanted, |about| self.bring(about))
     }
 
-    /// Removes copies in the folder of `key` that `are_of` it and of which there is no object.
+    /// Removes the copies below `folder` that `are_of` an input and are not among the `known` ones: their objects are gone.
     fn forget(&self, folder: &Path, known: &BTreeSet<PathBuf>, are_of: &dyn Fn(&Path) -> bool) {
         for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
             let path = entry.path();
             if path.is_dir() {
                 self.forget(&path, known, are_of);
             } else if !known.contains(&path) && are_of(&path) && !entry.file_name().to_string_lossy().starts_with('.') {
-                // What stays is only old.
+                // A copy that cannot be removed is out of date, and no input: inputs are named by the listing.
                 let _ = fs::remove_file(&path);
             }
         }
@@ -136,8 +136,8 @@ fn is_hidden(key: &str, folder: &str) -> bool {
     below.split('/').any(|part| part.starts_with(['.', '_']))
 }
 
-/// The copies of what an address of flights means: an object, those that a pattern fits, or those of a folder whose names
-/// `fit`. What stands beside one under the same name is copied too.
+/// The copies of the flights at an address: one object, those that match a pattern, or those of a folder whose names `fit`.
+/// Companions of the same name are copied too.
 ///
 /// # Errors
 /// Fails when there is none, or the server cannot be reached or refuses.
@@ -171,7 +171,7 @@ pub fn find(address: &Address, fit: &dyn Fn(&str) -> bool) -> Result<Vec<PathBuf
     }
     let stems: BTreeSet<&str> = wanted.iter().map(|key| stem(key)).collect();
     // The stem of another may be longer by an extension: `a.tif` and `a.tif.aux.xml`.
-    let is_wanted = |o: &&Listed| stems.contains(stem(&o.key)) || wanted.iter().any(|key| is_beside(key, &o.key));
+    let is_wanted = |o: &&Listed| stems.contains(stem(&o.key)) || wanted.iter().any(|key| is_companion(key, &o.key));
     let brought: Vec<&Listed> = all.iter().filter(is_wanted).collect();
     copies.bring_all(&brought)?;
     wanted.iter().map(|key| copies.file(key)).collect()
@@ -189,7 +189,7 @@ pub fn fixed(address: &Address) -> Result<PathBuf, Fault> {
     }
 }
 
-/// The copy of an object and of all that stands beside it under the same name, or of a folder.
+/// The copy of an object with its companions of the same name, or of a folder.
 ///
 /// # Errors
 /// Fails when there is none, or the server cannot be reached or refuses.
@@ -198,12 +198,12 @@ pub fn whole(address: &Address) -> Result<PathBuf, Fault> {
     let key = address.key.as_str();
     let flat = copies.bucket.list_flat(parts(key).0)?;
     if flat.iter().any(|o| o.key == key) {
-        let wanted: Vec<&Listed> = flat.iter().filter(|o| is_beside(key, &o.key)).collect();
+        let wanted: Vec<&Listed> = flat.iter().filter(|o| is_companion(key, &o.key)).collect();
         let known: BTreeSet<PathBuf> = copies.bring_all(&wanted)?.into_iter().collect();
         let file = copies.file(key)?;
         if let Some(folder) = file.parent() {
             let relative = |path: &Path| path.strip_prefix(&copies.folder).map(|p| p.to_string_lossy().into_owned());
-            copies.forget(folder, &known, &|path| relative(path).is_ok_and(|other| is_beside(key, &other)));
+            copies.forget(folder, &known, &|path| relative(path).is_ok_and(|other| is_companion(key, &other)));
         }
         return Ok(file);
     }
@@ -291,12 +291,16 @@ mod tests {
     }
 
     #[test]
-    fn unit_what_stands_beside_a_file_has_its_name() {
+    fn unit_companions_have_the_name_of_their_file() {
         assert!(
-            is_beside("m/a.ers", "m/a") && is_beside("m/a.tif", "m/a.tif.aux.xml") && is_beside("m/a.asc", "m/a.prj")
+            is_companion("m/a.ers", "m/a")
+                && is_companion("m/a.tif", "m/a.tif.aux.xml")
+                && is_companion("m/a.asc", "m/a.prj")
         );
         assert!(
-            !is_beside("m/a.tif", "m/ab.tif") && !is_beside("m/a.tif", "a.tif") && !is_beside("m/a.tif", "m/a/b.tif")
+            !is_companion("m/a.tif", "m/ab.tif")
+                && !is_companion("m/a.tif", "a.tif")
+                && !is_companion("m/a.tif", "m/a/b.tif")
         );
         assert_eq!((stem("x/.a"), stem("x.y/a"), stem("a.b.c")), ("x/.a", "x.y/a", "a.b"));
     }

@@ -1,6 +1,6 @@
 //! Profiles of the AWS command line: `AWS_PROFILE` in `~/.aws/credentials` and `~/.aws/config`.
 //!
-//! Keys that stand there are read, with the region and the endpoint. Those that a program has to ask for (single sign-on,
+//! Access keys in these files are read, with the region and the endpoint. Credentials that a program has to ask for (single sign-on,
 //! roles, `credential_process`) are not: `aws configure export-credentials --format env` turns them into variables.
 
 use std::{collections::HashMap, env, fs, io, path::PathBuf};
@@ -8,7 +8,7 @@ use std::{collections::HashMap, env, fs, io, path::PathBuf};
 use object_store::aws::AmazonS3Builder;
 use schemas::Fault;
 
-/// What a profile says. It holds secrets, and cannot be printed.
+/// The settings of a profile. It holds secrets, and cannot be printed.
 #[derive(Clone, Default)]
 pub struct Profile {
     name: String,
@@ -94,7 +94,7 @@ impl Profile {
         })
     }
 
-    /// Puts what it says into `builder`, where the environment does not say it.
+    /// Sets what the environment leaves out.
     pub(super) fn into_builder(self, mut builder: AmazonS3Builder) -> Result<AmazonS3Builder, Fault> {
         if let (None, Some(id), Some(secret)) = (set("AWS_ACCESS_KEY_ID"), &self.access_key_id, &self.secret_access_key)
         {

@@ -17,13 +17,16 @@ use super::{
     client::{Seen, Trouble, job},
     units::{Answered, Handed},
 };
-use crate::run::{
-    children::failed,
-    compute::pack_of,
-    engine::Wave,
-    events::Outcome,
-    interrupt::INTERRUPTED,
-    task::{Answer, Receipt, Task, TaskUnit},
+use crate::{
+    run::{
+        children::failed,
+        compute::pack_of,
+        engine::Wave,
+        events::Outcome,
+        interrupt::INTERRUPTED,
+        task::{Answer, Receipt, Task, TaskUnit},
+    },
+    store::shown,
 };
 
 /// What a job costs its worker and the scheduler beside its work, s: `pipeline/CLUSTER.md`.
@@ -218,7 +221,7 @@ impl<'a> Handing<'a> {
             let what = format!("no worker has been at the scheduler {authority} for {seconds} s{others}{last}");
             return Some(Fault::machine(what).help(format!(
                 "start some with `magline worker --scheduler {authority} --store {}`, or wait longer with `--patience`",
-                self.wave.worker.store().root().display()
+                shown(self.wave.worker.store().root())
             )));
         }
         let most = 2 * self.seen.cores.max(1) + MOST_TRIES;
@@ -314,9 +317,9 @@ impl<'a> Handing<'a> {
     }
 
     fn refusal(&self) -> Fault {
-        let store = self.wave.worker.store().root().display();
+        let store = shown(self.wave.worker.store().root());
         Fault::machine(format!("the workers refuse the tasks: {}", self.trouble))
-            .help(format!("the folder that a worker has as `--store` must be that of this run, {store}"))
+            .help(format!("what a worker has as `--store` must be the store of this run, {store}"))
     }
 
     /// The answers of a job.

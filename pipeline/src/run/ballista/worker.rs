@@ -32,7 +32,7 @@ use crate::{
         interrupt::INTERRUPTED,
         task::{Receipt, Task, VERSION},
     },
-    store::kernel,
+    store::{kernel, shown},
 };
 
 /// How long a process without a task is kept: while it lives, the store counts as in use.
@@ -305,12 +305,12 @@ impl Crew {
                 }
                 Some(why) => {
                     (self.0.hear)(&receipt);
-                    let why = format!("{why} (its store is {})", self.0.store.display());
+                    let why = format!("{why} (its store is {})", shown(&self.0.store));
                     // It would take one task after another from those that can do them.
                     if !self.0.proven.load(Ordering::Relaxed) {
                         let fault =
                             Fault::machine(format!("the first task that this worker was given is refused: {why}"));
-                        leave(fault.help("`--store` names the folder that runs have as `store`"), FETCHED_AFTER);
+                        leave(fault.help("`--store` names what runs have as `store`"), FETCHED_AFTER);
                     }
                     return refused(why);
                 }

@@ -19,10 +19,10 @@ use super::{
 };
 use crate::remote::Listed;
 
-/// The interval of the signs of life.
+/// The interval at which the holder writes its lease again.
 const BEAT: Duration = Duration::from_secs(15);
 
-/// What a lease says.
+/// The content of a lease.
 #[derive(Clone, Serialize, Deserialize)]
 struct Said {
     holder: Holder,
@@ -81,7 +81,7 @@ impl Remote {
     }
 
     /// The time by the server's clock.
-    fn time(&self) -> Result<SystemTime, Fault> {
+    pub(super) fn time(&self) -> Result<SystemTime, Fault> {
         let probe = format!("tmp/{}", Uuid::new_v4());
         self.bucket.put(&probe, b"\n".to_vec())?;
         let about = self.bucket.about(&probe);
@@ -146,7 +146,7 @@ impl Remote {
             return Ok(Err(Held { holder, silent: None }));
         }
         for older in known.iter().filter(|lease| lease.number < number) {
-            // What stays is of a lower number, and removed another time.
+            // The highest number counts; others are removed by the next holder.
             let _ = self.bucket.remove(&older.key);
         }
         Ok(Ok(RemoteLease::start(self.clone(), pipeline, number, said)?))
@@ -169,8 +169,7 @@ impl RemoteLease {
                 if *over || !waited.1.timed_out() {
                     continue;
                 }
-                // The server sets the time of the object by its own clock. A sign that is not written is one that others
-                // do not see.
+                // The time of the object is that of the server's clock. A failed write is repeated at the next interval.
                 match store.leases(&name).map(|all| all.last().map(|lease| lease.number)) {
                     Ok(last) if last != Some(number) => {
                         of_thread.lost.store(true, Ordering::SeqCst);

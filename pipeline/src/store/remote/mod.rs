@@ -1,11 +1,11 @@
-//! A store in an object store, and the folder of this machine that stands for it: the cache.
+//! A store in an object store, and its copy in a folder of this machine: the cache.
 //!
-//! The objects are the store; the cache is laid out as a store in a folder is, and holds what this machine has written or read
-//! of it. What never changes under its name (packs, sources, plans, the files of a version) is written there first and then
-//! here, and copied when it is first read, with its checksums. What does change is little, and copied when the store is
-//! opened: the plans, runs and costs of pipelines, and `tables/<pipeline>`, which is an object that names the newest version
-//! and is replaced on the condition that it is still the one that was read. The files of a version that are packs are not
-//! written again: `versions/<pipeline>/<n>/version.json` lists them by name.
+//! The objects are the store; the cache has the layout of a store in a folder, with the files that this machine has written or
+//! read. Files that never change under their names (packs, sources, plans, the files of a version) are written to the object
+//! store first and then to the cache, and copied when they are first read, with their checksums. The others are small, and
+//! copied when the store is opened: the plans, runs and costs of pipelines, and `tables/<pipeline>`, which names the newest
+//! version and is replaced on the condition that it is still the object that was read. The files of a version that are packs are
+//! not written again: `versions/<pipeline>/<n>/version.json` lists them by name.
 //!
 //! Locks are leases, as between hosts that share a folder: objects that only one can create, written to again and again.
 
@@ -24,7 +24,7 @@ use std::{
         Arc, Mutex, MutexGuard, PoisonError,
         atomic::{AtomicU64, Ordering},
     },
-    time::{Duration, SystemTime},
+    time::Duration,
 };
 
 use bytes::Bytes;
@@ -220,14 +220,19 @@ impl Remote {
         Ok(mark.is_some())
     }
 
-    /// Removes the objects of a folder that are `gone`, told the first part of their names there and their age.
+    /// Removes the objects of a folder for which `gone` is true. It is given the first part of their names below the folder, and
+    /// their age by the server's clock.
     ///
     /// # Errors
     /// Fails when the server cannot be reached or refuses.
     pub fn drop_objects(&self, folder: &str, gone: &dyn Fn(&str, Duration) -> bool) -> Result<(), Fault> {
         let name = |key: &str| key.split('/').nth(1).unwrap_or_default().to_owned();
-        let age = |o: &Listed| SystemTime::now().duration_since(o.modified).unwrap_or_default();
         let all = self.bucket.list(folder)?;
+        if all.is_empty() {
+            return Ok(());
+        }
+        let now = self.time()?;
+        let age = |o: &Listed| now.duration_since(o.modified).unwrap_or_default();
         let wanted: Vec<String> = all.into_iter().filter(|o| gone(&name(&o.key), age(o))).map(|o| o.key).collect();
         each(&wanted, |key| self.bucket.remove(key)).map(drop)
     }
@@ -380,7 +385,7 @@ impl Remote {
 
     /// Sets a damaged pack aside.
     pub fn set_aside(&self, id: Key) {
-        // Whoever may not write sees it as damaged again.
+        // Without the permission to write it stays, and is found damaged again.
         let _ = self.bucket.rename(&Remote::pack_key(id), &format!("damaged/{id}.parquet"));
     }
 

@@ -1,4 +1,4 @@
-//! What changes under its name, copied into the cache; versions of published tables, written and copied.
+//! Objects that change under their names, copied into the cache; versions of published tables, written and copied.
 
 use std::{
     collections::BTreeSet,
@@ -21,7 +21,7 @@ use crate::{keys::Key, remote::each};
 /// The folders whose files of these endings change.
 const CHANGING: [(&str, &str); 3] = [("plans", ".json"), ("runs", ".jsonl"), (crate::cost::FOLDER, ".json")];
 
-/// What `tables/<pipeline>` says: the newest version, as the link of a store in a folder does, and its checksum.
+/// The content of `tables/<pipeline>`: the newest version, as the link of a store in a folder does, and its checksum.
 fn pointer(pipeline: &str, number: u64, sum: &str) -> String {
     format!("../versions/{pipeline}/{number}/tables\n{sum}\n")
 }
@@ -44,7 +44,7 @@ fn is_plain(name: &str) -> bool {
 }
 
 impl Remote {
-    /// Copies into the cache what changes under its name; whether there is a store.
+    /// Copies the objects that change under their names into the cache. Whether there is a store.
     ///
     /// # Errors
     /// Fails when the server cannot be reached or refuses, the store is of another version of magline, or the cache cannot be
@@ -56,7 +56,7 @@ impl Remote {
         }
         let there = self.is_there()?;
         if !there {
-            // The objects are the store: what the cache says of one that is gone is not true any more.
+            // The store was removed: so is the mark of its copy.
             remove(&self.root.join("STORE"))?;
         }
         self.pull_tables()?;
@@ -118,20 +118,31 @@ impl Remote {
     }
 
     fn pull_table(&self, pipeline: &str) -> Result<(), Fault> {
-        let Some(text) = self.bucket.get(&format!("tables/{pipeline}"))? else { return Ok(()) };
+        let name = format!("tables/{pipeline}");
         let damaged = |what: &str| {
             Fault::machine(format!("{}/{what} is damaged", self.bucket.address())).help(format!(
                 "remove the object tables/{pipeline}, and run the spec again: its tables are published again"
             ))
         };
-        let (number, sum) = read_pointer(pipeline, &text).ok_or_else(|| damaged(&format!("tables/{pipeline}")))?;
-        let here = current(&self.root, pipeline);
-        if here.is_some_and(|v| v.number == number && v.manifest.sum() == sum) {
-            return Ok(());
-        }
-        let key = format!("{}/version.json", folder_of(pipeline, number));
-        let bytes = self.bucket.get(&key)?.ok_or_else(|| damaged(&key))?;
-        let manifest = Manifest::read(&bytes).filter(|m| m.sum() == sum).ok_or_else(|| damaged(&key))?;
+        let Some(mut text) = self.bucket.get(&name)? else { return Ok(()) };
+        let (number, bytes, manifest) = loop {
+            let (number, sum) = read_pointer(pipeline, &text).ok_or_else(|| damaged(&name))?;
+            let here = current(&self.root, pipeline);
+            if here.is_some_and(|v| v.number == number && v.manifest.sum() == sum) {
+                return Ok(());
+            }
+            let key = format!("{}/version.json", folder_of(pipeline, number));
+            let bytes = self.bucket.get(&key)?.unwrap_or_default();
+            if let Some(manifest) = Manifest::read(&bytes).filter(|m| m.sum() == sum) {
+                break (number, bytes, manifest);
+            }
+            // Another run may have published since, and `gc` dropped this version.
+            match self.bucket.get(&name)? {
+                Some(now) if now != text => text = now,
+                Some(_) => return Err(damaged(&key)),
+                None => return Ok(()),
+            }
+        };
         let folder = self.temporary()?;
         let fail = |e: io::Error| trouble("write", &folder, &e);
         make_folder(&folder.join("units")).map_err(fail)?;
@@ -229,13 +240,13 @@ impl Remote {
         check: &dyn Fn() -> Result<(), Fault>,
     ) -> Result<(), Fault> {
         let name = format!("tables/{pipeline}");
-        // Read before the lock is checked: whoever takes it over after that changes it.
+        // Read before the lock is checked: a process that takes the lock over after that replaces it.
         let before = self.bucket.get_tagged(&name)?.map(|(_, tag)| tag);
         check()?;
         let path = folder.join("version.json");
         let bytes = fs::read(&path).map_err(|e| trouble("read", &path, &e))?;
         let mut number = self.numbers(pipeline)?.last().map_or(1, |n| n + 1);
-        // A number is taken by whoever creates its list.
+        // A number belongs to the process that creates its list.
         while !self.bucket.create(&format!("{}/version.json", folder_of(pipeline, number)), &bytes)? {
             number += 1;
         }
@@ -281,16 +292,16 @@ impl Remote {
         Ok(text.and_then(|text| read_pointer(pipeline, &text)).map(|(number, _)| number))
     }
 
-    /// Removes what a version has of its own.
+    /// Removes a version, but for its packs.
     pub(super) fn drop_version(&self, pipeline: &str, number: u64) -> Result<(), Fault> {
         let folder = folder_of(pipeline, number);
-        // The list goes last, so that what is half removed is found again.
+        // The list is removed last: a version that is removed in part is found again.
         let mut all: Vec<String> = self.bucket.list(&folder)?.into_iter().map(|o| o.key).collect();
         all.sort_by_key(|key| key.ends_with("/version.json"));
         all.iter().try_for_each(|key| self.bucket.remove(key))?;
         let here = self.root.join(&folder);
         if newest(&self.root, pipeline).as_ref() != Some(&here) {
-            // What stays of a copy costs space alone.
+            // A copy that cannot be removed only costs space.
             let _ = fs::remove_dir_all(&here);
         }
         Ok(())

@@ -24,9 +24,9 @@ use crate::{
 /// Results that are younger are kept: workers of other machines may be about to name them.
 const YOUNG: Duration = Duration::from_secs(3600);
 
-/// Whether an object is at least so old; by the server's clock and this one, which may differ by a little.
-fn is_old(about: &Listed, than: Duration) -> bool {
-    than.is_zero() || SystemTime::now().duration_since(about.modified).is_ok_and(|age| age >= than)
+/// Whether an object is as old as `than`, at the time `now` of the server.
+fn is_old(about: &Listed, than: Duration, now: SystemTime) -> bool {
+    than.is_zero() || now.duration_since(about.modified).is_ok_and(|age| age >= than)
 }
 
 impl Remote {
@@ -39,9 +39,10 @@ impl Remote {
     /// Drops versions that are not the newest, and packs that no version references; the copies of the cache too.
     ///
     /// # Errors
-    /// Fails when the server cannot be reached or refuses.
+    /// Fails when the server cannot be reached or refuses, and where the list of a newest version is damaged.
     pub fn collect(&self, store: &Store, what: Collect) -> Result<Collected, Fault> {
-        let alone = store.alone()?;
+        let (alone, time) = (store.alone()?, self.time()?);
+        let is_old = |about: &Listed, than: Duration| is_old(about, than, time);
         let tried = self.bucket.list(attempts::FOLDER)?;
         let busy = alone.is_none() || self.is_busy()? || tried.iter().any(|o| !is_old(o, YOUNG));
         let mut done = Collected { busy, ..Collected::default() };
@@ -62,7 +63,18 @@ impl Remote {
                         self.drop_version(&name, number)?;
                     }
                 } else {
-                    live.extend(self.manifest(&name, number)?.into_iter().flat_map(|m| m.packs));
+                    match self.manifest(&name, number)? {
+                        Some(manifest) => live.extend(manifest.packs),
+                        None if now == Some(number) => {
+                            let key = format!("versions/{name}/{number}/version.json");
+                            let what = format!("{}/{key} is damaged: its packs are not known", self.bucket.address());
+                            return Err(Fault::machine(what).help(format!(
+                                "remove the object tables/{name}, and run the spec again: its tables are published again"
+                            )));
+                        }
+                        // It was never published.
+                        None => {}
+                    }
                 }
             }
         }
@@ -93,7 +105,7 @@ impl Remote {
         }
         each(&dead, |o| self.bucket.remove(&o.key))?;
         for id in dead.iter().filter_map(|o| id(o)) {
-            // What stays of a copy costs space alone.
+            // A copy that cannot be removed only costs space.
             let _ = fs::remove_file(catalogue::path(&self.root, id));
             store.catalogue_mut().remove(id);
         }
@@ -114,7 +126,9 @@ impl Remote {
         let named = |key: &str| format!("{}/{key}", self.bucket.address());
         let mut own = vec![];
         for name in self.pipelines()? {
+            let newest = self.newest(&name)?;
             for number in self.numbers(&name)? {
+                let published = newest == Some(number);
                 match self.manifest(&name, number)? {
                     None => {
                         let key = format!("versions/{name}/{number}/version.json");
@@ -123,7 +137,7 @@ impl Remote {
                     Some(manifest) => {
                         let files = manifest.tables.into_iter().flat_map(|t| t.files.into_iter().chain(t.units));
                         let plain = files.filter(|f| f.pack.is_none());
-                        own.extend(plain.map(|f| (format!("versions/{name}/{number}/{}", f.name), f.hash)));
+                        own.extend(plain.map(|f| (format!("versions/{name}/{number}/{}", f.name), f.hash, published)));
                     }
                 }
             }
@@ -154,10 +168,12 @@ impl Remote {
             let _ = fs::remove_file(&tmp);
         }
         let before = all - own.len();
-        for (i, (key, hash)) in own.into_iter().enumerate() {
+        for (i, (key, hash, published)) in own.into_iter().enumerate() {
             tick(before + i, all);
             let wrong = match self.bucket.get(&key)? {
-                None => Some("it is gone"),
+                None if published => Some("it is gone"),
+                // A run that was killed before it published leaves a list whose files were not all written.
+                None => None,
                 Some(bytes) => {
                     found.files += 1;
                     found.bytes += bytes.len() as u64;

@@ -1,0 +1,113 @@
+//! A run on a cluster whose store is in a bucket: scheduler, run and workers share nothing else.
+
+use std::{
+    collections::BTreeMap,
+    path::Path,
+    sync::mpsc::{Receiver, channel},
+};
+
+use serde_json::Value;
+
+use crate::{
+    cluster_support::{Cluster, until},
+    lab::{Done, Lab, SPEC, address, assert_same, ended, tables},
+    server::{Fault, USERS},
+};
+
+/// Flights that take some seconds.
+fn scene() -> (Lab, u64) {
+    let lab = Lab::of(6, 3000, &SPEC.replace("1.5]", "1.1, 1.3, 1.5, 1.7, 1.9, 2.1, 2.3, 2.5]"));
+    let (_, units) = lab.local();
+    (lab, units)
+}
+
+/// Two workers of one core, each with a cache and credentials of its own.
+fn cluster(lab: &Lab) -> Cluster {
+    let mut cluster = Cluster::new(env!("CARGO_BIN_EXE_outsider"), lab.folder.path(), 0);
+    for user in &USERS[1..] {
+        cluster.add_with(&address("one"), &lab.env(user, &lab.cache()));
+    }
+    cluster
+}
+
+fn ran(lab: &Lab, cluster: &Cluster, cache: &Path) -> Done {
+    lab.run(&address("one"), cache, &["--engine", &cluster.engine()])
+}
+
+/// How often each unit was computed, by the receipts of the workers.
+fn computed(cluster: &Cluster) -> BTreeMap<String, usize> {
+    let mut found = BTreeMap::new();
+    for line in cluster.receipts() {
+        // The last line of a worker that was killed may be cut.
+        let Ok(receipt) = serde_json::from_str::<Value>(&line) else { continue };
+        for unit in receipt["units"].as_array().unwrap().iter().filter(|u| u["outcome"] == "computed") {
+            *found.entry(unit["key"].as_str().unwrap().to_owned()).or_default() += 1;
+        }
+    }
+    found
+}
+
+fn assert_no_secret(cluster: &Cluster) {
+    let said = cluster.said() + &cluster.receipts().concat();
+    assert!(!said.contains("geheim") && !said.contains("AKIA"), "{said}");
+}
+
+#[test]
+fn user_a_cluster_with_its_store_in_a_bucket_gives_the_bytes_of_a_local_run() {
+    let (lab, units) = scene();
+    let cluster = cluster(&lab);
+    let run = ran(&lab, &cluster, &lab.cache());
+    assert_eq!(run.counts(), (0, units, 0), "{} {}", run.err, cluster.said());
+    let counted = computed(&cluster);
+    assert!(counted.len() as u64 == units && counted.values().all(|n| *n == 1), "{counted:?}");
+    assert_same(&tables(&lab.path("whole")), &tables(&lab.server.path("one")), "a cluster");
+    assert!(lab.packs_written().values().all(|n| *n == 1));
+    // Results are written by those who compute them.
+    let mut writers: Vec<String> = lab.server.asked().into_iter().filter(|a| a.writes_pack()).map(|a| a.user).collect();
+    writers.sort();
+    writers.dedup();
+    assert!(writers.contains(&USERS[1].to_owned()) && writers.contains(&USERS[2].to_owned()), "{writers:?}");
+    let again = ran(&lab, &cluster, &lab.cache());
+    assert_eq!(again.counts(), (0, 0, units), "{}", again.err);
+    assert_no_secret(&cluster);
+}
+
+#[test]
+fn user_a_worker_that_is_killed_at_a_write_to_the_bucket_costs_what_it_had_at_hand() {
+    let (lab, units) = scene();
+    let mut cluster = cluster(&lab);
+    // The third pack that a worker writes does not arrive.
+    let (tell, told) = channel();
+    let mut seen = 0;
+    lab.server.faults(move |asked| {
+        seen += usize::from(asked.writes_pack() && asked.user != USERS[0]);
+        if asked.writes_pack() && seen == 3 {
+            seen += 1;
+            tell.send(asked.user.clone()).unwrap();
+            return Fault::Silent;
+        }
+        Fault::None
+    });
+    let cache = lab.cache();
+    let run = lab.begun(&address("one"), USERS[0], &cache, &["--engine", &cluster.engine()]);
+    let lost = received(&told);
+    cluster.kill(usize::from(lost == USERS[2]));
+    let run = ended(run);
+    assert_eq!(run.code, 0, "{} {}", run.err, cluster.said());
+    assert_eq!(run.total("computed") + run.total("reused"), units);
+    let counted = computed(&cluster);
+    assert!(counted.values().all(|n| *n == 1), "{counted:?}");
+    assert_same(&tables(&lab.path("whole")), &tables(&lab.server.path("one")), "a worker was killed");
+    let again = ran(&lab, &cluster, &lab.cache());
+    assert_eq!(again.counts(), (0, 0, units), "{}", again.err);
+    assert_no_secret(&cluster);
+}
+
+fn received(told: &Receiver<String>) -> String {
+    let mut lost = None;
+    until("a worker writes its third pack", || {
+        lost = told.try_recv().ok();
+        lost.is_some()
+    });
+    lost.unwrap()
+}

@@ -1,0 +1,318 @@
+//! An S3 server inside the test, and faults between it and those who ask.
+
+use std::{
+    convert::Infallible,
+    fs,
+    future::{Future, pending, poll_fn},
+    io,
+    path::PathBuf,
+    pin::{Pin, pin},
+    sync::{Arc, Mutex, MutexGuard, PoisonError},
+    task::{Context, Poll},
+    time::Duration,
+};
+
+use hyper::{
+    Method, Request, Response, StatusCode,
+    body::{Body, Bytes, Frame, Incoming, SizeHint},
+    header::{AUTHORIZATION, CONTENT_LENGTH, HeaderMap, IF_MATCH, IF_NONE_MATCH, TRANSFER_ENCODING},
+    server::conn::http1,
+    service::service_fn,
+};
+use hyper_util::rt::TokioIo;
+use s3s::{
+    auth::SimpleAuth,
+    service::{S3Service, S3ServiceBuilder},
+};
+use s3s_fs::FileSystem;
+use tempfile::TempDir;
+use tokio::{
+    net::TcpListener,
+    runtime::{Builder, Runtime},
+    sync::RwLock,
+    time::{Sleep, sleep},
+};
+
+/// The bucket.
+pub const BUCKET: &str = "lab";
+/// The names of those who may ask, which are their access keys.
+pub const USERS: [&str; 3] = ["AKIAFIRST", "AKIASECOND", "AKIATHIRD"];
+
+/// The secret key of a user.
+pub fn secret(user: &str) -> String {
+    format!("geheim-{user}")
+}
+
+/// A request.
+#[derive(Clone, Debug)]
+pub struct Asked {
+    /// Its number, from 1.
+    pub number: usize,
+    /// The access key that signed it.
+    pub user: String,
+    pub method: Method,
+    /// The name of the object in the bucket; empty for a listing.
+    pub key: String,
+    /// Whether it has an `If-Match` or `If-None-Match`.
+    pub on_condition: bool,
+    /// What happens to it.
+    pub fault: Fault,
+}
+
+impl Asked {
+    /// Whether it writes a pack of results.
+    pub fn writes_pack(&self) -> bool {
+        self.method == Method::PUT && self.key.contains("/objects/")
+    }
+
+    /// Whether the server does it.
+    pub fn is_done(&self) -> bool {
+        !matches!(self.fault, Fault::Silent | Fault::Status(_))
+    }
+}
+
+/// What happens to a request.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Fault {
+    None,
+    /// It is refused with this status.
+    Status(u16),
+    /// It is done, and answered with this status.
+    Lost(u16),
+    /// It is done, and the answer ends in its middle.
+    Cut,
+    /// The same, by a proxy that corrects the length.
+    Short,
+    /// It is not done, and never answered.
+    Silent,
+    /// It is done, and never answered.
+    Late,
+}
+
+type Decide = Box<dyn FnMut(&Asked) -> Fault + Send>;
+
+struct Shared {
+    service: S3Service,
+    folder: PathBuf,
+    decide: Mutex<Decide>,
+    asked: Mutex<Vec<Asked>>,
+    /// The store of `s3s-fs` writes an object and its version one after the other: one writer at a time, and no reader then.
+    one: RwLock<()>,
+}
+
+fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// A server with one bucket.
+pub struct Server {
+    shared: Arc<Shared>,
+    /// Its address.
+    pub endpoint: String,
+    folder: TempDir,
+    _runtime: Runtime,
+}
+
+impl Server {
+    pub fn new() -> Server {
+        let folder = tempfile::tempdir().unwrap();
+        fs::create_dir(folder.path().join(BUCKET)).unwrap();
+        let mut auth = SimpleAuth::new();
+        for user in USERS {
+            auth.register(user.to_owned(), secret(user).into());
+        }
+        let mut builder = S3ServiceBuilder::new(FileSystem::new(folder.path()).unwrap());
+        builder.set_auth(auth);
+        let shared = Arc::new(Shared {
+            service: builder.build(),
+            folder: folder.path().to_owned(),
+            decide: Mutex::new(Box::new(|_| Fault::None)),
+            asked: Mutex::default(),
+            one: RwLock::new(()),
+        });
+        let runtime = Builder::new_multi_thread().worker_threads(2).enable_all().build().unwrap();
+        let listener = runtime.block_on(TcpListener::bind("127.0.0.1:0")).unwrap();
+        let endpoint = format!("http://{}", listener.local_addr().unwrap());
+        runtime.spawn(serve(listener, shared.clone()));
+        Server { shared, endpoint, folder, _runtime: runtime }
+    }
+
+    /// What happens to requests from now on.
+    pub fn faults(&self, decide: impl FnMut(&Asked) -> Fault + Send + 'static) {
+        *locked(&self.shared.decide) = Box::new(decide);
+    }
+
+    /// The requests so far.
+    pub fn asked(&self) -> Vec<Asked> {
+        locked(&self.shared.asked).clone()
+    }
+
+    /// The file of an object, or the folder of several.
+    pub fn path(&self, key: &str) -> PathBuf {
+        self.folder.path().join(BUCKET).join(key)
+    }
+
+    /// Another writer.
+    pub fn other(&self) -> Other {
+        Other { folder: self.folder.path().to_owned() }
+    }
+}
+
+/// A writer who needs no request.
+#[derive(Clone)]
+pub struct Other {
+    folder: PathBuf,
+}
+
+impl Other {
+    /// Writes an object.
+    pub fn put(&self, key: &str, text: &str) {
+        let file = self.folder.join(BUCKET).join(key);
+        fs::create_dir_all(file.parent().unwrap()).unwrap();
+        fs::write(file, text).unwrap();
+        // The ETags that `s3s-fs` has kept; it makes them again from the bytes.
+        for entry in fs::read_dir(&self.folder).unwrap().flatten() {
+            if entry.file_name().to_string_lossy().ends_with(".internal.json") {
+                let _ = fs::remove_file(entry.path());
+            }
+        }
+    }
+}
+
+async fn serve(listener: TcpListener, shared: Arc<Shared>) {
+    while let Ok((stream, _)) = listener.accept().await {
+        let shared = shared.clone();
+        tokio::spawn(async move {
+            let service = service_fn(move |request| answered(shared.clone(), request));
+            // Whoever asked may be gone.
+            let _ = http1::Builder::new().serve_connection(TokioIo::new(stream), service).await;
+        });
+    }
+}
+
+fn header(headers: &HeaderMap, name: &hyper::header::HeaderName) -> String {
+    headers.get(name).and_then(|value| value.to_str().ok()).unwrap_or_default().to_owned()
+}
+
+async fn answered(shared: Arc<Shared>, request: Request<Incoming>) -> Result<Response<Answer>, Infallible> {
+    let (parts, body) = request.into_parts();
+    // Of a client that was killed while it sent, nothing counts.
+    let Some(body) = read(body).await else { return Ok(refused(400)) };
+    let signed = header(&parts.headers, &AUTHORIZATION);
+    let user = signed.split_once("Credential=").and_then(|(_, rest)| rest.split('/').next()).unwrap_or_default();
+    let path = parts.uri.path().trim_start_matches('/');
+    let key = path.strip_prefix(BUCKET).unwrap_or(path).trim_start_matches('/').to_owned();
+    let on_condition = [IF_MATCH, IF_NONE_MATCH].iter().any(|name| parts.headers.contains_key(name));
+    let (user, method) = (user.to_owned(), parts.method.clone());
+    let asked = {
+        let mut all = locked(&shared.asked);
+        let mut asked = Asked { number: all.len() + 1, user, method, key, on_condition, fault: Fault::None };
+        asked.fault = (locked(&shared.decide))(&asked);
+        all.push(asked.clone());
+        asked
+    };
+    match asked.fault {
+        Fault::Status(status) => return Ok(refused(status)),
+        Fault::Silent => pending().await,
+        Fault::None | Fault::Lost(_) | Fault::Cut | Fault::Short | Fault::Late => {}
+    }
+    let whole = Request::from_parts(parts, s3s::Body::from(body));
+    let (status, headers, data) = done(&shared, &asked, whole).await;
+    let in_two = |data: &Bytes| asked.method == Method::GET && status.is_success() && data.len() > 1;
+    let answer = match asked.fault {
+        Fault::Late => pending().await,
+        Fault::Lost(status) => return Ok(refused(status)),
+        Fault::Cut if in_two(&data) => Answer { data: data.slice(..data.len() / 2), cut: Some(None) },
+        Fault::Short if in_two(&data) => Answer { data: data.slice(..data.len() / 2), cut: None },
+        Fault::None | Fault::Cut | Fault::Short | Fault::Status(_) | Fault::Silent => {
+            Answer { data: data.clone(), cut: None }
+        }
+    };
+    let mut response = Response::new(answer);
+    *response.status_mut() = status;
+    *response.headers_mut() = headers;
+    if asked.method != Method::HEAD {
+        response.headers_mut().remove(CONTENT_LENGTH);
+        response.headers_mut().remove(TRANSFER_ENCODING);
+        if response.body().cut.is_some() {
+            response.headers_mut().insert(CONTENT_LENGTH, data.len().into());
+        }
+    }
+    Ok(response)
+}
+
+/// What the server itself answers.
+async fn done(shared: &Shared, asked: &Asked, request: s3s::HttpRequest) -> (StatusCode, HeaderMap, Bytes) {
+    let reads = matches!(asked.method, Method::GET | Method::HEAD);
+    // A bucket has no folders; the store of `s3s-fs` does.
+    if reads && !asked.key.is_empty() && shared.folder.join(BUCKET).join(&asked.key).is_dir() {
+        return (StatusCode::NOT_FOUND, HeaderMap::new(), Bytes::new());
+    }
+    let (_reader, _writer);
+    if reads {
+        _reader = shared.one.read().await
+    } else {
+        _writer = shared.one.write().await
+    }
+    match shared.service.call(request).await {
+        Ok(response) => {
+            let (parts, body) = response.into_parts();
+            (parts.status, parts.headers, read(body).await.unwrap_or_default())
+        }
+        Err(_) => (StatusCode::INTERNAL_SERVER_ERROR, HeaderMap::new(), Bytes::new()),
+    }
+}
+
+/// A refusal as S3 words it, with what must not be shown.
+fn refused(status: u16) -> Response<Answer> {
+    let code = match status {
+        503 => "SlowDown",
+        409 => "ConditionalRequestConflict",
+        403 => "AccessDenied",
+        _ => "InternalError",
+    };
+    let text = format!("<Error><Code>{code}</Code><Message>No</Message><AWSAccessKeyId>AKIA</AWSAccessKeyId></Error>");
+    let mut response = Response::new(Answer { data: text.into(), cut: None });
+    *response.status_mut() = StatusCode::from_u16(status).unwrap();
+    response
+}
+
+/// All of a body; `None` where it is cut.
+async fn read(body: impl Body<Data = Bytes>) -> Option<Bytes> {
+    let (mut body, mut all) = (pin!(body), vec![]);
+    while let Some(frame) = poll_fn(|cx| body.as_mut().poll_frame(cx)).await {
+        if let Ok(data) = frame.ok()?.into_data() {
+            all.extend_from_slice(&data);
+        }
+    }
+    Some(all.into())
+}
+
+/// The body of an answer.
+struct Answer {
+    data: Bytes,
+    /// Whether the connection ends after it. The time between lets what is sent arrive.
+    cut: Option<Option<Pin<Box<Sleep>>>>,
+}
+
+impl Body for Answer {
+    type Data = Bytes;
+    type Error = io::Error;
+
+    fn poll_frame(mut self: Pin<&mut Self>, cx: &mut Context) -> Poll<Option<Result<Frame<Bytes>, io::Error>>> {
+        if !self.data.is_empty() {
+            return Poll::Ready(Some(Ok(Frame::data(std::mem::take(&mut self.data)))));
+        }
+        let Some(cut) = &mut self.cut else { return Poll::Ready(None) };
+        let timer = cut.get_or_insert_with(|| Box::pin(sleep(Duration::from_millis(20))));
+        timer.as_mut().poll(cx).map(|()| Some(Err(io::ErrorKind::ConnectionAborted.into())))
+    }
+
+    fn is_end_stream(&self) -> bool {
+        self.data.is_empty() && self.cut.is_none()
+    }
+
+    fn size_hint(&self) -> SizeHint {
+        if self.cut.is_some() { SizeHint::default() } else { SizeHint::with_exact(self.data.len() as u64) }
+    }
+}
