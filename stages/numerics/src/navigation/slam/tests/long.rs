@@ -72,7 +72,7 @@ fn step_s(hours: usize) -> f64 {
         filter.map.history.size(),
         filter.out.report
     );
-    println!("DRMS INS {:.0} m, SLAM {:.1} m", flight.drms_m(None), flight.drms_m(Some(&filter.finish())));
+    println!("DRMS INS {:.0} m, SLAM {:.1} m", flight.drms_m(None), flight.drms_m(Some(&filter.finish().unwrap())));
     took
 }
 
