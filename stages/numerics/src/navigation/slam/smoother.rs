@@ -34,10 +34,11 @@
 //! Positions from elsewhere are measurements of δ, and add a quadratic form in u. With a gate the measurements that it leaves
 //! out of the filter are left out, and once those that all others tell to be outliers.
 //!
-//! J may have several optima. Three searches with half of the measurements begin at the path of the filter (the mean of the
-//! particles' histories), at the same with a kernel whose white part is large, which makes valleys wide and is narrowed as
-//! the fit goes on, and with that at the INS with the positions from elsewhere. The best goes on with all measurements. What comes
-//! out is more probable than the path of the filter, or not taken.
+//! J may have several optima. Three searches with half of the measurements look for the deepest: from the path of the filter
+//! (the mean of the particles' histories); from it with a kernel whose white part is large, which makes valleys wide, and is
+//! narrowed as the fit goes on; and from the INS, where it is exact at first, with the flight taken in part by part, so
+//! that each part is foreseen by those before. The best goes on with all measurements. What comes out is more probable than
+//! the path of the filter, or not taken.
 //!
 //! # Cost
 //!
@@ -72,6 +73,8 @@ const LACKING_M: f64 = 0.05;
 const START_M: f64 = 5.0;
 /// The white part of the kernel, in standard deviations of the anomaly, that a start with a wide valley has.
 const WIDE: f64 = 0.3;
+/// The parts of the flight that a start takes in one after the other.
+const PARTS: usize = 10;
 /// The fewest measurements that starts are compared by.
 const FEWEST: usize = 100;
 /// The longest length of a kernel that is fitted, in lengths of the path.
@@ -312,14 +315,16 @@ impl<'a> Known<'a> {
         let moved: Vec<[f64; 2]> = thin.iter().map(|(_, moved)| *moved).collect();
         let filtered = near(&all, self.prior, &moved)?;
         let filtered_cost = Search::from(&all, self.prior, self.rules(&all), filtered.clone(), self.of.kernel)?.cost();
-        let alone = solved(&self.prior.information, &self.prior.force)?;
         let narrow = self.of.kernel;
         let wide = Kernel { sigma_n_nt: narrow.sigma_n_nt.max(WIDE * narrow.sigma_se_nt), ..narrow };
-        let few = self.problem(&thinned(used, &narrow, thin.len().div_ceil(2).max(FEWEST)));
+        let few = thinned(used, &narrow, thin.len().div_ceil(2).max(FEWEST));
+        let grown = self.grown(&few, narrow);
+        let few = self.problem(&few);
         let mut best: Option<(f64, Start)> = None;
-        for (weights, kernel) in [(&filtered, narrow), (&filtered, wide), (&alone, wide)] {
+        let of_filter = [(filtered.clone(), narrow), (filtered.clone(), wide)];
+        for (weights, kernel) in of_filter.into_iter().chain(grown.map(|weights| (weights, narrow))) {
             let rules = self.rules(&few);
-            let Some(mut search) = Search::from(&few, self.prior, rules, weights.clone(), kernel) else { continue };
+            let Some(mut search) = Search::from(&few, self.prior, rules, weights, kernel) else { continue };
             if !rules.fits && kernel != narrow {
                 // With the wide one first, and then with the given one.
                 if search.run().is_none() {
@@ -338,6 +343,21 @@ impl<'a> Known<'a> {
             }
         }
         Some(best.map_or(Start { weights: filtered, kernel: narrow, filtered_cost }, |(_, start)| start))
+    }
+
+    /// The weights that a search finds whose measurements begin with those of the first part of the flight, and take the next
+    /// part in when these are settled: the most probable weights given the first part foresee the path of the next.
+    fn grown(&self, measured: &[Displaced], kernel: Kernel) -> Option<Vec<f64>> {
+        let mut weights = solved(&self.prior.information, &self.prior.force)?;
+        for part in 1..=PARTS {
+            let known = (measured.len() * part).div_ceil(PARTS);
+            let problem = self.problem(measured.get(..known)?);
+            let rules = Rules { fits: false, ..self.rules(&problem) };
+            let mut search = Search::from(&problem, self.prior, rules, weights, kernel)?;
+            search.run()?;
+            weights = search.weights;
+        }
+        Some(weights)
     }
 
     /// The optimum from a start on, with the factor of its covariance; `None` where J stays above that of the path of the filter.
