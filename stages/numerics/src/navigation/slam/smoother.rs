@@ -160,9 +160,9 @@ struct Smoothed {
     report: SmootherReport,
 }
 
-/// Replaces track and path of a filter's output by the smoothed ones; innovations and states beside the position's
-/// covariance stay the filter's. False, and nothing is done, where there is no smoothed track: fewer than two
-/// measurements, or a covariance that is not positive in floating point.
+/// Replaces track and path of a filter's output by the smoothed ones; the innovations stay the filter's. False, and nothing
+/// is done, where there is no smoothed track: fewer than two measurements, or a covariance that is not positive in
+/// floating point.
 ///
 /// # Errors
 /// [`NavigationError::Diverged`] where the covariance of the INS is not finite.

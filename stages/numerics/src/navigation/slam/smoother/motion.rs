@@ -17,8 +17,6 @@ pub struct Motion {
     m_per_rad: [f64; 2],
     /// The times of the steps, in s.
     tt_s: Vec<f64>,
-    /// The last row of each step.
-    ends: Vec<usize>,
 }
 
 /// The position error at the steps of a line, δ = B u with u ~ N(0, I), and what is left of its variance.
@@ -85,7 +83,7 @@ impl Motion {
             p.push(at);
         }
         let tt_s = ends.iter().map(|end| ins.tt_s[*end]).collect();
-        Ok(Self { phi, p, m_per_rad: frame.m_per_rad, tt_s, ends: ends.to_vec() })
+        Ok(Self { phi, p, m_per_rad: frame.m_per_rad, tt_s })
     }
 
     /// The covariance of the position at each step with one coordinate of one of them, in m².
@@ -243,11 +241,6 @@ impl Motion {
             }
         }
         (information, force)
-    }
-
-    /// The row that ends a step.
-    pub fn end(&self, step: usize) -> usize {
-        self.ends[step]
     }
 }
 
