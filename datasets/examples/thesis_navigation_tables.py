@@ -183,28 +183,30 @@ def merit(track: pd.DataFrame) -> float:
 def thesis_001(store: Path) -> None:
     axes = ["rms_north", "rms_east", "drms"]
     heads = ["north", "east", "DRMS"]
-    ins, slam, by_thesis = [table(store, f"thesis_001/survey_{name}_scores") for name in ("ins", "slam", "thesis")]
+    ins, slam, smoothed, by_thesis = [table(store, f"thesis_001/survey_{name}_scores") for name in ("ins", "slam", "smoothed", "thesis")]
     rows = [["INS alone"] + beside([pooled(ins, m) for m in axes], SURVEY["INS alone"])]
     rows += [[f"SLAM, {how}, as published"] + beside([pooled(by_thesis, m, expected=how) for m in axes], SURVEY[how]) for how in ("regression", "inverse_distance")]
     rows += [["SLAM, defaults"] + beside([pooled(slam, m) for m in axes], [None] * 3)]
+    rows += [["SLAM, smoothed"] + beside([pooled(smoothed, m) for m in axes], [None] * 3)]
     show("Thesis 001, Table 2: 100 minutes with a navigation-grade INS; m", ["method"] + with_published(heads), rows)
-    ins, slam = table(store, "thesis_001/ins_scores"), table(store, "thesis_001/slam_scores")
+    ins, slam, smoothed = [table(store, f"thesis_001/{name}_scores") for name in ("ins", "slam", "smoothed")]
     rows = []
     for grade, (alone, held) in LOITER.items():
         rows.append([f"{grade}, INS alone"] + beside([pooled(ins, m, grade=grade) for m in axes], alone) + [worst(ins, grade)])
         rows.append([f"{grade}, SLAM"] + beside([pooled(slam, m, grade=grade) for m in axes], held) + [worst(slam, grade)])
+        rows.append([f"{grade}, SLAM, smoothed"] + beside([pooled(smoothed, m, grade=grade) for m in axes], [None] * 3) + [worst(smoothed, grade)])
     show("Thesis 001, Table 11: 14 minutes; m", ["grade"] + with_published(heads) + ["DRMS of each flight"], rows)
     keys = ["grade", "flight", "line", "tt"]
     measured = table(store, "thesis_001/loiter")[keys + ["mag_1_uc"]]
-    tracks = {name: table(store, f"thesis_001/{name}")[keys + ["lat", "lon"]].merge(measured, on=keys) for name in ("ins", "slam")}
+    tracks = {name: table(store, f"thesis_001/{name}")[keys + ["lat", "lon"]].merge(measured, on=keys) for name in ("ins", "slam", "smoothed")}
     rows = []
     for grade, known in MERIT.items():
         ours = [pooled(ins, "figure_of_merit_crossings", grade=grade)]
         for track in tracks.values():
             of_flights = pd.Series([merit(x.sort_values("tt")) for _, x in track[track.grade == grade].groupby("flight")], dtype=float)
             ours.append((of_flights**2).mean() ** 0.5 if len(of_flights) else None)
-        rows.append([grade] + beside(ours, known))
-    show("Thesis 001, Table 12: figure of merit; nT", ["grade"] + with_published(["true track", "INS", "SLAM"]), rows)
+        rows.append([grade] + beside(ours, known + [None]))
+    show("Thesis 001, Table 12: figure of merit; nT", ["grade"] + with_published(["true track", "INS", "SLAM", "SLAM, smoothed"]), rows)
 
 
 def worst(d: pd.DataFrame, grade: str) -> str:

@@ -72,6 +72,32 @@ impl Kernel {
         }
     }
 
+    /// How the covariance changes with the distance vector d of its points: its gradient is −`first` d, its matrix of second
+    /// derivatives `second` d dᵀ − `first` I, and its derivative by the logarithm of the length `first` |d|².
+    #[inline(always)]
+    pub(super) fn bends(&self, distance2_m2: f64) -> Bends {
+        let (power, per_m2) = (self.sigma_se_nt * self.sigma_se_nt, 1.0 / (self.length_m * self.length_m));
+        let squared = distance2_m2 * per_m2;
+        match self.covariance {
+            Covariance::SquaredExponential => {
+                let first = power * per_m2 * (-0.5 * squared).exp();
+                Bends { first, second: first * per_m2 }
+            }
+            Covariance::Matern52 => {
+                let d = (5.0 * squared).sqrt();
+                let fallen = 5.0 / 3.0 * power * per_m2 * (-d).exp();
+                Bends { first: fallen * (1.0 + d), second: 5.0 * fallen * per_m2 }
+            }
+            Covariance::Matern32 => {
+                let d = (3.0 * squared).sqrt();
+                let first = 3.0 * power * per_m2 * (-d).exp();
+                // `second` d dᵀ is 0 at no distance, where `second` has no limit.
+                let second = if d > 0.0 { 3.0 * first * per_m2 / d } else { 0.0 };
+                Bends { first, second }
+            }
+        }
+    }
+
     /// The variance that a difference in height adds to a sample, in nT².
     ///
     /// The anomaly is a potential field, so that its vertical derivative has |k| times its spectrum, and the variance
@@ -91,6 +117,15 @@ impl Kernel {
     pub fn mean_nt2(&self) -> f64 {
         (MEAN_SIGMAS * self.sigma_se_nt).powi(2)
     }
+}
+
+/// See [`Kernel::bends`].
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Bends {
+    /// In nT²/m².
+    pub(super) first: f64,
+    /// In nT²/m⁴.
+    pub(super) second: f64,
 }
 
 /// What is expected at a point.

@@ -6,6 +6,7 @@ use super::expected::Map;
 use super::kernel::Kernel;
 use super::particles::Particles;
 use super::samples::{LocalFrame, Sample};
+use super::smoother::SmootherReport;
 
 /// How the flight went.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -24,6 +25,8 @@ pub struct SlamReport {
     /// The largest squared correction of the position over the covariance of the INS alone: chi-square of 2 degrees where
     /// filter and INS are as good as they say.
     pub largest_correction: f64,
+    /// How the smoother went; `None` where none was asked for, or where it has no solution and the filter's track is left.
+    pub smoother: Option<SmootherReport>,
 }
 
 /// The filtered line.

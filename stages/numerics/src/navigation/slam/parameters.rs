@@ -4,6 +4,7 @@ use crate::navigation::ins_error::{InsErrorModel, ParameterError, require};
 use params::{Rule, choice};
 
 use super::kernel::{Kernel, MOST_NEIGHBOURS};
+use super::smoother::SmootherParameters;
 
 choice! {
     /// How a measurement is predicted from the earlier ones.
@@ -75,9 +76,11 @@ pub struct SlamParameters {
     pub resample_below: f64,
     /// A measurement whose squared innovation over its variance is above this is left out; `None` uses every one.
     pub gate_nis: Option<f64>,
+    /// Hand out the most probable track of the whole flight in place of the filter's; see [`super::smoother`].
+    pub smoother: Option<SmootherParameters>,
     /// Hand out the error states of every sample.
     pub keep_states: bool,
-    /// Hand out the covariance of every sample.
+    /// Hand out the covariance of every sample; a smoothed track has none but that of its position.
     pub keep_covariance: bool,
 }
 
@@ -101,6 +104,7 @@ impl Default for SlamParameters {
             interpolant_sigma_nt: 10.0,
             resample_below: 0.5,
             gate_nis: None,
+            smoother: None,
             keep_states: false,
             keep_covariance: false,
         }
@@ -121,6 +125,7 @@ impl SlamParameters {
         require("particles", self.particles as f64, within)?;
         require("update_interval_s", self.update_interval_s, Rule::NotNegative)?;
         self.kernel.check()?;
+        self.smoother.map_or(Ok(()), |smoother| smoother.check())?;
         require("fit_window_s", self.fit_window_s, Rule::Positive)?;
         let most = (MOST_NEIGHBOURS - self.recent.min(MOST_NEIGHBOURS - 1)) as f64;
         require("neighbours", self.neighbours as f64, Rule::Between(1.0, most))?;

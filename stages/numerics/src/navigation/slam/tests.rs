@@ -1,5 +1,5 @@
 mod aided;
-mod flights;
+pub(super) mod flights;
 mod long;
 mod parts;
 

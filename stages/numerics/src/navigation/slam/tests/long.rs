@@ -72,7 +72,7 @@ fn step_s(hours: usize) -> f64 {
         filter.map.history.size(),
         filter.out.report
     );
-    println!("DRMS INS {:.0} m, SLAM {:.1} m", flight.drms_m(None), flight.drms_m(Some(&filter.finish())));
+    println!("DRMS INS {:.0} m, SLAM {:.1} m", flight.drms_m(None), flight.drms_m(Some(&filter.finish().unwrap())));
     took
 }
 
@@ -199,4 +199,38 @@ fn law_few_particles_hold_a_hundred_minutes_and_do_not_claim_more() {
         honest += usize::from(nees.0 < 15.0);
     }
     assert!(held >= 9 && honest >= 9, "{held} {honest}");
+}
+
+/// DRMS (m) of the filter and of the smoother, and the NEES of the smoother by degree of freedom.
+fn smoothed(flight: &Flight, particles: usize, measurements: usize) -> [f64; 3] {
+    let smoother = Some(SmootherParameters { measurements, ..SmootherParameters::default() });
+    let alone = filtered(flight, &SlamParameters { particles, ..SlamParameters::default() });
+    let both = filtered(flight, &SlamParameters { particles, smoother, ..SlamParameters::default() });
+    let found = [flight.drms_m(Some(&alone)), flight.drms_m(Some(&both)), flight.nees(&both).0];
+    println!("INS {:.0} m, DRMS and NEES {found:.2?}, {:?}", flight.drms_m(None), both.report.smoother);
+    found
+}
+
+#[test]
+#[ignore = "ten loiters, smoothed: three minutes"]
+fn law_ten_loiters_are_smoothed_to_their_noise() {
+    let fly = |seed: u64| smoothed(&Flight::tactical(loiter(ROUGH_DEG, 840, 1.0), seed), 150, 840);
+    let all: Vec<[f64; 3]> = (0..10).map(fly).collect();
+    let mean = |of: fn(&[f64; 3]) -> f64| all.iter().map(of).sum::<f64>() / 10.0;
+    let (before, after) = (mean(|x| x[0] * x[0]).sqrt(), mean(|x| x[1] * x[1]).sqrt());
+    let nees = mean(|x| x[2]);
+    println!("{before:.1} m, smoothed {after:.1} m, NEES per degree of freedom {nees:.2}");
+    // The temporal variation of 3 nT alone is 12 m at 0.25 nT/m.
+    assert!(after < 15.0 && after < 0.4 * before && (0.3..2.0).contains(&nees));
+    assert!(all.iter().all(|x| x[1] < x[0]));
+}
+
+#[test]
+#[ignore = "two stars of 100 minutes, smoothed: three minutes"]
+fn law_stars_of_a_hundred_minutes_are_smoothed() {
+    for seed in [1, 3] {
+        let flight = Flight::new(star(6000, 1.0), InsGrade::Navigation.model(), seed);
+        let [before, after, nees] = smoothed(&flight, 300, 1000);
+        assert!(after < 30.0 && after < 0.5 * before && (0.2..4.0).contains(&nees), "{before} {after} {nees}");
+    }
 }

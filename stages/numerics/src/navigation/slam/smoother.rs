@@ -1,0 +1,467 @@
+//! The smoother behind the filter: the most probable track of the whole flight, given all of its measurements.
+//!
+//! | Module | Contents |
+//! |:--|:--|
+//! | [`motion`] | the error of the INS over the line as few functions of time |
+//! | [`thin`] | the measurements that are looked at |
+//! | [`likelihood`] | their likelihood given the path, and its derivatives |
+//! | [`search`] | the most probable path, and the kernel of the largest likelihood |
+//!
+//! # Equations
+//!
+//! The position error over the line is Gaussian, with the covariance of the chain of all steps, x ← Φ x + w; it is written
+//! as δ = B u with u ~ N(0, I) ([`motion::Functions`]). The map is not a state: given the path p = p_ins + B u the
+//! measurements are jointly Gaussian [Lawrence 2003],
+//!
+//! ```text
+//! z ~ N(μ, C(p)),    C = K(p, p) + σ_S² exp(−|t − t'|/τ) + R
+//! ```
+//!
+//! with the kernel K of the anomaly, so that the smoother looks for the minimum of
+//!
+//! ```text
+//! J(u) = (z − μ)ᵀ C⁻¹ (z − μ)/2 + log |C|/2 + uᵀu/2
+//! ```
+//!
+//! The map integrated out, J does not depend on where the flight is as a whole, only on how its parts lie to each other, so
+//! that what no revisit tells keeps the covariance of the INS. A map linearised about an estimate, f + g·δ, would claim to
+//! know it: a shift of all positions is not free there. Gradient and matrix of second derivatives are exact. The step is
+//! Newton's, without those curvatures of the likelihood that are negative, halved until J does not rise. The covariance
+//! of u is the inverse of the matrix at the optimum (Laplace), with the slopes of this field and not those that the kernel
+//! expects. Where the hyper-parameters are fitted, each pass begins with a step of Fisher's scoring of them by the same
+//! likelihood.
+//!
+//! Positions from elsewhere are measurements of δ, and add a quadratic form in u. With a gate the measurements that it leaves
+//! out of the filter are left out, and once those that all others tell to be outliers.
+//!
+//! J may have several optima. Three searches with half of the measurements look for the deepest: from the path of the filter
+//! (the mean of the particles' histories); from it with a kernel whose white part is large, which makes valleys wide, and is
+//! narrowed as the fit goes on; and from the INS, where it is exact at first, with the flight taken in part by part, so
+//! that each part is foreseen by those before. The best goes on with all measurements. What comes out is more probable than
+//! the path of the filter, or not taken.
+//!
+//! # Cost
+//!
+//! With n measurements a pass is some 15 n³ multiplications on all threads, and memory is 70 n² bytes; functions and
+//! states take 5 kB and 16 bytes a function for each step. Some ten passes are made, and those of the starts are an eighth of
+//! that work each: 1000 measurements take about twenty seconds of a core.
+
+pub mod likelihood;
+pub mod motion;
+pub mod search;
+pub mod thin;
+
+use faer::linalg::solvers::Solve;
+use faer::{Mat, MatRef, Side};
+
+use super::kernel::Kernel;
+use super::output::{PathSample, SlamOutput};
+use super::samples::{LocalFrame, Sample, SlamLine};
+use crate::navigation::ins_error::{ParameterError, require};
+use crate::navigation::output::Innovation;
+use crate::navigation::pinson::{LAT, LON, STATES};
+use crate::navigation::{NavigationError, NavigationOutput};
+use likelihood::{Measured, Problem};
+use motion::{Functions, Motion};
+use params::Rule;
+use search::{Prior, Rules, Search};
+use thin::thinned;
+
+/// What the functions of the motion may lack of a position, one sigma, in m.
+const LACKING_M: f64 = 0.05;
+/// How well the path of the filter is followed at the start, one sigma, in m.
+const START_M: f64 = 5.0;
+/// The white part of the kernel, in standard deviations of the anomaly, that a start with a wide valley has.
+const WIDE: f64 = 0.3;
+/// The parts of the flight that a start takes in one after the other.
+const PARTS: usize = 10;
+/// The fewest measurements that starts are compared by.
+const FEWEST: usize = 100;
+/// The longest length of a kernel that is fitted, in lengths of the path.
+const LONGEST: f64 = 0.5;
+
+/// The parameters of the smoother.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SmootherParameters {
+    /// The most measurements that are looked at. The work grows with the third power.
+    pub measurements: usize,
+    /// What the standard deviations of the measurements are multiplied by.
+    pub noise_factor: f64,
+    /// The most linearisations.
+    pub passes: usize,
+    /// The search ends where a step moves no measurement by as much, in m.
+    pub tolerance_m: f64,
+}
+
+impl Default for SmootherParameters {
+    fn default() -> Self {
+        Self { measurements: 1000, noise_factor: 1.0, passes: 40, tolerance_m: 0.1 }
+    }
+}
+
+impl SmootherParameters {
+    /// Refuses parameters that make no smoother.
+    ///
+    /// # Errors
+    /// Fails for numbers of measurements not between 2 and 5000, no pass, and a factor or tolerance not above 0.
+    pub fn check(&self) -> Result<(), ParameterError> {
+        require("measurements", self.measurements as f64, Rule::Between(2.0, 5000.0))?;
+        require("noise_factor", self.noise_factor, Rule::Positive)?;
+        require("passes", self.passes as f64, Rule::Between(1.0, 1000.0))?;
+        require("tolerance_m", self.tolerance_m, Rule::Positive)
+    }
+}
+
+/// How the smoother went.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SmootherReport {
+    /// Measurements looked at.
+    pub measurements: usize,
+    /// Functions of the motion.
+    pub functions: usize,
+    /// Linearisations made.
+    pub passes: usize,
+    /// Whether path and kernel stand still.
+    pub converged: bool,
+    /// How far the last step moves a measurement at the most, in m.
+    pub last_step_m: f64,
+    /// The kernel at the end.
+    pub kernel: Kernel,
+    /// (z − μ)ᵀ C⁻¹ (z − μ) over the number of measurements: 1 where the noise is as large as told.
+    pub misfit: f64,
+    /// J at the end, but for a constant of the flight.
+    pub cost: f64,
+    /// What it is less than that of the path of the filter.
+    pub fall: f64,
+}
+
+/// What the smoother is handed of the filter.
+pub(super) struct Filtered<'a> {
+    pub(super) line: &'a SlamLine<'a>,
+    /// The last rows of the steps.
+    pub(super) ends: &'a [usize],
+    pub(super) frame: LocalFrame,
+    pub(super) kernel: Kernel,
+    /// Whether the kernel was fitted, and is to be fitted further.
+    pub(super) fits: bool,
+    /// A measurement is left out whose square beside what all others let expect is above so many variances.
+    pub(super) gate_nis: Option<f64>,
+    /// The samples, each with whether it is used.
+    pub(super) samples: &'a [(Sample, bool)],
+}
+
+/// The most probable track of a line.
+struct Smoothed {
+    motion: Motion,
+    functions: Functions,
+    weights: Vec<f64>,
+    /// The factor of the weights' covariance.
+    root: Mat<f64>,
+    report: SmootherReport,
+}
+
+/// Replaces track and path of a filter's output by the smoothed ones; the innovations stay the filter's. False, and nothing
+/// is done, where there is no smoothed track: fewer than two measurements, or a covariance that is not positive in
+/// floating point.
+///
+/// # Errors
+/// [`NavigationError::Diverged`] where the covariance of the INS is not finite.
+pub(super) fn smooth(
+    parameters: &SmootherParameters,
+    of: &Filtered<'_>,
+    out: &mut SlamOutput,
+) -> Result<bool, NavigationError> {
+    let Some(smoothed) = Smoothed::of(parameters, of, &out.path)? else { return Ok(false) };
+    smoothed.replace(of, out);
+    Ok(true)
+}
+
+impl Smoothed {
+    fn of(
+        parameters: &SmootherParameters,
+        of: &Filtered<'_>,
+        path: &[PathSample],
+    ) -> Result<Option<Self>, NavigationError> {
+        let motion = Motion::along(of.line, of.ends, &of.frame)?;
+        let functions = motion.functions(LACKING_M);
+        let used: Vec<(Sample, [f64; 2])> = of
+            .samples
+            .iter()
+            .zip(path)
+            .filter(|((_, used), _)| *used)
+            .map(|((sample, _), path)| {
+                let variance_nt2 = sample.variance_nt2 * parameters.noise_factor.powi(2);
+                let moved = [0, 1].map(|axis: usize| path.at_m[axis] - sample.at_m[axis]);
+                (Sample { variance_nt2, ..*sample }, moved)
+            })
+            .collect();
+        let prior = prior_of(&motion, &functions, of.line);
+        let known = Known { motion: &motion, functions: &functions, prior: &prior, of, parameters };
+        let thin = thinned(&used, &of.kernel, parameters.measurements);
+        let Some(start) = known.best_start(&used, &thin) else { return Ok(None) };
+        let Some((weights, root, report)) = known.searched(thin, start) else { return Ok(None) };
+        Ok(Some(Self { weights, motion, functions, root, report }))
+    }
+
+    /// Position covariances at a place: functions times the factor, north and east.
+    fn factors(&self, step: usize) -> [Vec<f64>; 2] {
+        [0, 1].map(|axis| {
+            let b = self.functions.at(step, axis);
+            let of = self.root.transpose() * MatRef::from_column_major_slice(b, b.len(), 1);
+            (0..b.len()).map(|k| of[(k, 0)]).collect()
+        })
+    }
+
+    fn replace(self, of: &Filtered<'_>, out: &mut SlamOutput) {
+        let (ins, earth, per) = (of.line.ins, of.line.errors.earth, of.frame.m_per_rad);
+        let states = self.motion.states(&self.functions, &self.weights);
+        let factors: Vec<[Vec<f64>; 2]> = (0..self.motion.steps()).map(|step| self.factors(step)).collect();
+        let at = |tt_s: f64| {
+            let between = self.motion.between(tt_s);
+            let next = if between.part > 0.0 { between.step + 1 } else { between.step };
+            let mix = |a: f64, b: f64| a + between.part * (b - a);
+            let x: [f64; STATES] = std::array::from_fn(|state| mix(states[between.step][state], states[next][state]));
+            let (here, there) = (&factors[between.step], &factors[next]);
+            let mut p_m2 = [0.0; 3];
+            for ((hn, tn), (he, te)) in here[0].iter().zip(&there[0]).zip(here[1].iter().zip(&there[1])) {
+                let (north, east) = (mix(*hn, *tn), mix(*he, *te));
+                p_m2[0] += north * north;
+                p_m2[1] += east * east;
+                p_m2[2] += north * east;
+            }
+            for (p, lacking) in p_m2.iter_mut().zip(self.functions.lacking_m2[between.step]) {
+                *p += lacking;
+            }
+            (x, p_m2)
+        };
+        let before = std::mem::take(&mut out.navigation);
+        let mut navigation = NavigationOutput::with_capacity(ins.len(), !before.x.is_empty(), false);
+        for (row, (residual_nt, nis)) in before.residual_nt.iter().zip(&before.nis).enumerate() {
+            let (x, p_m2) = at(ins.tt_s[row]);
+            let p = |row: usize, column: usize| match (row, column) {
+                (LAT, LAT) => p_m2[0] / (per[0] * per[0]),
+                (LON, LON) => p_m2[1] / (per[1] * per[1]),
+                _ => p_m2[2] / (per[0] * per[1]),
+            };
+            let innovation = Innovation { residual_nt: *residual_nt, nis: *nis };
+            navigation.push(ins, row, |state| x[state], p, innovation, earth);
+        }
+        navigation.report = before.report;
+        out.navigation = navigation;
+        for (path, (sample, _)) in out.path.iter_mut().zip(of.samples) {
+            let (x, p_m2) = at(path.tt_s);
+            let moved = [x[LAT] * per[0], x[LON] * per[1]];
+            path.at_m = [0, 1].map(|axis: usize| sample.at_m[axis] + moved[axis]);
+            (path.lat_deg, path.lon_deg) = of.frame.lat_lon_deg(path.at_m);
+            path.spread_m = (p_m2[0] + p_m2[1]).sqrt();
+            let core_nt: f64 = sample.core_nt_per_m.iter().zip(moved).map(|(slope, moved)| slope * moved).sum();
+            path.value_nt = sample.value_nt - core_nt;
+        }
+        let square = |step: usize| {
+            let ([a, c, b], x) = (self.motion.alone_m2(step), &states[step]);
+            // At the start an INS may know its position exactly.
+            let [a, c] = [a, c].map(|variance| variance + LACKING_M * LACKING_M);
+            let (north, east) = (x[LAT] * per[0], x[LON] * per[1]);
+            (c * north * north - 2.0 * b * north * east + a * east * east) / (a * c - b * b)
+        };
+        out.report.largest_correction = (0..self.motion.steps()).map(square).fold(0.0, f64::max);
+        out.report.kernel = self.report.kernel;
+        out.report.smoother = Some(self.report);
+    }
+}
+
+/// A measurement with what the filter has its displacement at, in m.
+type Displaced = (Measured, [f64; 2]);
+
+/// Where a search begins.
+struct Start {
+    weights: Vec<f64>,
+    kernel: Kernel,
+    /// J of the path of the filter, all measurements looked at.
+    filtered_cost: f64,
+}
+
+/// What is known before the search.
+struct Known<'a> {
+    motion: &'a Motion,
+    functions: &'a Functions,
+    prior: &'a Prior,
+    of: &'a Filtered<'a>,
+    parameters: &'a SmootherParameters,
+}
+
+impl<'a> Known<'a> {
+    fn rules(&self, problem: &Problem) -> Rules {
+        let path_m: f64 = problem.measured.windows(2).map(step_m).sum();
+        let spacing_m = path_m / problem.measured.len().saturating_sub(1).max(1) as f64;
+        Rules {
+            passes: self.parameters.passes,
+            tolerance_m: self.parameters.tolerance_m,
+            fits: self.of.fits && spacing_m > 0.0,
+            lengths_m: (spacing_m, (LONGEST * path_m).max(spacing_m)),
+        }
+    }
+
+    fn problem(&self, thin: &[Displaced]) -> Problem {
+        problem_of(thin, self.motion, self.functions, self.of)
+    }
+
+    /// The best of several starts, by their optima with half of the measurements.
+    fn best_start(&self, used: &[(Sample, [f64; 2])], thin: &[Displaced]) -> Option<Start> {
+        if thin.len() < 2 || self.functions.count == 0 {
+            return None;
+        }
+        let all = self.problem(thin);
+        let moved: Vec<[f64; 2]> = thin.iter().map(|(_, moved)| *moved).collect();
+        let filtered = near(&all, self.prior, &moved)?;
+        let filtered_cost = Search::from(&all, self.prior, self.rules(&all), filtered.clone(), self.of.kernel)?.cost();
+        let narrow = self.of.kernel;
+        let wide = Kernel { sigma_n_nt: narrow.sigma_n_nt.max(WIDE * narrow.sigma_se_nt), ..narrow };
+        let few = thinned(used, &narrow, thin.len().div_ceil(2).max(FEWEST));
+        let grown = self.grown(&few, narrow);
+        let few = self.problem(&few);
+        let mut best: Option<(f64, Start)> = None;
+        let of_filter = [(filtered.clone(), narrow), (filtered.clone(), wide)];
+        for (weights, kernel) in of_filter.into_iter().chain(grown.map(|weights| (weights, narrow))) {
+            let rules = self.rules(&few);
+            let Some(mut search) = Search::from(&few, self.prior, rules, weights, kernel) else { continue };
+            if !rules.fits && kernel != narrow {
+                // With the wide one first, and then with the given one.
+                if search.run().is_none() {
+                    continue;
+                }
+                let weights = search.weights;
+                match Search::from(&few, self.prior, rules, weights, narrow) {
+                    Some(again) => search = again,
+                    None => continue,
+                }
+            }
+            let ran = search.run();
+            let cost = search.cost();
+            if ran.is_some() && best.as_ref().is_none_or(|(least, _)| cost < *least) {
+                best = Some((cost, Start { weights: search.weights, kernel: search.kernel, filtered_cost }));
+            }
+        }
+        Some(best.map_or(Start { weights: filtered, kernel: narrow, filtered_cost }, |(_, start)| start))
+    }
+
+    /// The weights that a search finds whose measurements begin with those of the first part of the flight, and take the next
+    /// part in when these are settled: the most probable weights given the first part foresee the path of the next.
+    fn grown(&self, measured: &[Displaced], kernel: Kernel) -> Option<Vec<f64>> {
+        let mut weights = solved(&self.prior.information, &self.prior.force)?;
+        for part in 1..=PARTS {
+            let known = (measured.len() * part).div_ceil(PARTS);
+            let problem = self.problem(measured.get(..known)?);
+            let rules = Rules { fits: false, ..self.rules(&problem) };
+            let mut search = Search::from(&problem, self.prior, rules, weights, kernel)?;
+            search.run()?;
+            weights = search.weights;
+        }
+        Some(weights)
+    }
+
+    /// The optimum from a start on, with the factor of its covariance; `None` where J stays above that of the path of the filter.
+    fn searched(&self, mut thin: Vec<Displaced>, start: Start) -> Option<(Vec<f64>, Mat<f64>, SmootherReport)> {
+        let Start { mut weights, mut kernel, filtered_cost } = start;
+        let mut may_gate = self.of.gate_nis;
+        let (mut passes, mut fall) = (0, None);
+        loop {
+            if thin.len() < 2 {
+                return None;
+            }
+            let problem = self.problem(&thin);
+            let mut search = Search::from(&problem, self.prior, self.rules(&problem), weights, kernel)?;
+            search.run()?;
+            passes += search.passes;
+            let fall = *fall.get_or_insert(filtered_cost - search.cost());
+            // Also of a NaN.
+            let better = fall >= 0.0;
+            if !better {
+                return None;
+            }
+            let gate = may_gate.take();
+            if let Some(gate) = gate
+                && without_outliers(&mut thin, &search.left_out(), gate)
+            {
+                (weights, kernel) = (search.weights, search.kernel);
+                continue;
+            }
+            let root = search.covariance()?.llt(Side::Lower).ok()?.L().to_owned();
+            let report = SmootherReport {
+                measurements: problem.measured.len(),
+                functions: self.functions.count,
+                passes,
+                converged: search.converged,
+                last_step_m: search.last_step_m,
+                kernel: search.kernel,
+                misfit: search.misfit(),
+                cost: search.cost(),
+                fall,
+            };
+            return Some((search.weights, root, report));
+        }
+    }
+}
+
+/// Takes those measurements off whose square is above the gate; false where there is none.
+fn without_outliers(thin: &mut Vec<Displaced>, squares: &[f64], gate: f64) -> bool {
+    let before = thin.len();
+    let mut squares = squares.iter();
+    thin.retain(|_| squares.next().is_none_or(|square| *square <= gate));
+    thin.len() < before
+}
+
+fn step_m(pair: &[Measured]) -> f64 {
+    (pair[1].at_m[0] - pair[0].at_m[0]).hypot(pair[1].at_m[1] - pair[0].at_m[1])
+}
+
+fn problem_of(thin: &[(Measured, [f64; 2])], motion: &Motion, functions: &Functions, of: &Filtered<'_>) -> Problem {
+    let measured: Vec<Measured> = thin.iter().map(|(measured, _)| *measured).collect();
+    let mut rows = Vec::with_capacity(2 * measured.len() * functions.count);
+    for one in &measured {
+        let [north, east] = functions.between(motion.between(one.tt_s));
+        rows.extend(north);
+        rows.extend(east);
+    }
+    let centre_nt = measured.iter().map(|one| one.value_nt).sum::<f64>() / measured.len() as f64;
+    let errors = &of.line.errors;
+    Problem {
+        functions: MatRef::from_row_major_slice(&rows, 2 * measured.len(), functions.count).to_owned(),
+        measured,
+        temporal: (errors.fogm_sigma_nt, errors.fogm_tau_s),
+        mean_nt2: of.kernel.mean_nt2(),
+        centre_nt,
+    }
+}
+
+fn prior_of(motion: &Motion, functions: &Functions, line: &SlamLine<'_>) -> Prior {
+    let count = functions.count;
+    let mut information = Mat::<f64>::identity(count, count);
+    let mut force = vec![0.0; count];
+    if let Some(fixes) = line.fixes {
+        let (known, forced) = motion.known(functions, line, fixes);
+        information += MatRef::from_row_major_slice(&known, count, count);
+        force = forced;
+    }
+    Prior { information, force }
+}
+
+/// The weights whose displacements are near those given.
+fn near(problem: &Problem, prior: &Prior, moved: &[[f64; 2]]) -> Option<Vec<f64>> {
+    let weight = 1.0 / (START_M * START_M);
+    let flat: Vec<f64> = moved.iter().flatten().copied().collect();
+    let b = &problem.functions;
+    let information = &prior.information + faer::Scale(weight) * (b.transpose() * b);
+    let force = b.transpose() * MatRef::from_column_major_slice(&flat, flat.len(), 1);
+    let force: Vec<f64> = prior.force.iter().enumerate().map(|(k, f)| f + weight * force[(k, 0)]).collect();
+    solved(&information, &force)
+}
+
+fn solved(information: &Mat<f64>, force: &[f64]) -> Option<Vec<f64>> {
+    let factor = information.llt(Side::Lower).ok()?;
+    let solved = factor.solve(&MatRef::from_column_major_slice(force, force.len(), 1));
+    Some((0..force.len()).map(|k| solved[(k, 0)]).collect())
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,265 @@
+//! The error of the INS over a whole line as a sum of few functions of time with independent unit weights.
+
+use crate::navigation::NavigationError;
+use crate::navigation::pinson::{LAT, LON, STATES, StateMatrix, StateVector, pinson_matrix};
+use crate::navigation::position_fixes::{PositionFixes, StateFix};
+use crate::navigation::slam::resolution::product;
+use crate::navigation::slam::samples::{LocalFrame, SlamLine};
+use crate::navigation::transition::{identity, propagate_state, step_covariance, transition_matrix};
+
+/// The most functions.
+const MOST_FUNCTIONS: usize = 500;
+
+/// The error states from step to step: x ← Φ x + w, with the covariance P of x. Axis 0 is north, 1 is east.
+pub struct Motion {
+    phi: Vec<StateMatrix>,
+    p: Vec<StateMatrix>,
+    m_per_rad: [f64; 2],
+    /// The times of the steps, in s.
+    tt_s: Vec<f64>,
+}
+
+/// The position error at the steps of a line, δ = B u with u ~ N(0, I), and what is left of its variance.
+///
+/// The columns of B are those of the pivoted Cholesky factor of the covariance of all δ, so that a weight is the part of one
+/// pivot's error that the pivots before it do not tell. [Harbrecht, Peters & Schneider 2012]
+pub struct Functions {
+    /// The number of functions.
+    pub count: usize,
+    /// B, by steps, each north and then east.
+    rows: Vec<f64>,
+    /// The variance north and east that the functions lack, in m².
+    pub lacking_m2: Vec<[f64; 2]>,
+    /// Step and axis of each pivot.
+    pivots: Vec<(usize, usize)>,
+}
+
+/// A place in time between two steps: that of the first, and the part of the way to the second.
+#[derive(Clone, Copy, Debug)]
+pub struct Between {
+    /// The first step.
+    pub step: usize,
+    /// The part, from 0 to 1.
+    pub part: f64,
+}
+
+fn transposed(phi: &StateMatrix, x: &StateVector) -> StateVector {
+    let mut out = [0.0; STATES];
+    for (row, x) in phi.iter().zip(x) {
+        for (out, phi) in out.iter_mut().zip(row) {
+            *out += phi * x;
+        }
+    }
+    out
+}
+
+impl Motion {
+    /// Along a line that passed [`SlamLine::check`], whose steps end with these rows.
+    ///
+    /// # Errors
+    /// [`NavigationError::Diverged`] where a variance is negative or not finite.
+    pub fn along(line: &SlamLine<'_>, ends: &[usize], frame: &LocalFrame) -> Result<Self, NavigationError> {
+        let (ins, errors) = (line.ins, &line.errors);
+        let (times, density) = (errors.time_constants(), errors.noise_density());
+        let mut at = errors.initial_covariance(ins.lat_deg[0].to_radians(), ins.alt_m[0]);
+        let (mut phi, mut p) = (Vec::with_capacity(ends.len()), Vec::with_capacity(ends.len()));
+        let mut row = 0;
+        for end in ends {
+            let mut all = identity();
+            while row < *end {
+                let dt_s = ins.tt_s[row + 1] - ins.tt_s[row];
+                let f = pinson_matrix(&ins.point(row), &times, errors.pinson);
+                let one = transition_matrix(&f, dt_s);
+                at = step_covariance(&at, &f, &one, &density, dt_s, errors.noise);
+                all = product(&one, &all);
+                row += 1;
+            }
+            // Also of a NaN.
+            let sound = (0..STATES).all(|state| at[state][state] >= 0.0 && at[state][state].is_finite());
+            if !sound {
+                return Err(NavigationError::Diverged { row, tt_s: ins.tt_s[row] });
+            }
+            phi.push(all);
+            p.push(at);
+        }
+        let tt_s = ends.iter().map(|end| ins.tt_s[*end]).collect();
+        Ok(Self { phi, p, m_per_rad: frame.m_per_rad, tt_s })
+    }
+
+    /// The covariance of the position at each step with one coordinate of one of them, in m².
+    fn column(&self, (pivot, axis): (usize, usize)) -> Vec<[f64; 2]> {
+        let [north, east] = self.m_per_rad;
+        let in_m = |x: &StateVector| [x[LAT] * north, x[LON] * east];
+        let mut out = vec![[0.0; 2]; self.p.len()];
+        let state = [LAT, LON][axis];
+        let mut x: StateVector = std::array::from_fn(|row| self.p[pivot][row][state] * self.m_per_rad[axis]);
+        out[pivot] = in_m(&x);
+        for (out, phi) in out.iter_mut().zip(&self.phi).skip(pivot + 1) {
+            x = propagate_state(phi, &x);
+            *out = in_m(&x);
+        }
+        let mut adjoint = [0.0; STATES];
+        adjoint[state] = self.m_per_rad[axis];
+        for step in (0..pivot).rev() {
+            adjoint = transposed(&self.phi[step + 1], &adjoint);
+            out[step] = [(LAT, north), (LON, east)].map(|(state, m_per_rad)| {
+                let row = &self.p[step][state];
+                m_per_rad * row.iter().zip(&adjoint).map(|(p, a)| p * a).sum::<f64>()
+            });
+        }
+        out
+    }
+
+    /// Functions until what they lack of any position is below a standard deviation in m.
+    pub fn functions(&self, tolerance_m: f64) -> Functions {
+        let steps = self.p.len();
+        let [north, east] = self.m_per_rad;
+        let mut lacking: Vec<[f64; 2]> =
+            self.p.iter().map(|p| [p[LAT][LAT] * north * north, p[LON][LON] * east * east]).collect();
+        let mut columns: Vec<Vec<[f64; 2]>> = vec![];
+        let mut pivots = vec![];
+        while columns.len() < MOST_FUNCTIONS.min(2 * steps) {
+            let all = lacking.iter().enumerate().flat_map(|(step, of)| [((step, 0), of[0]), ((step, 1), of[1])]);
+            let most = all.fold(((0, 0), 0.0), |most, one| if one.1 > most.1 { one } else { most });
+            let ((step, axis), variance) = most;
+            if variance <= tolerance_m * tolerance_m {
+                break;
+            }
+            let mut column = self.column((step, axis));
+            for before in &columns {
+                let factor = before[step][axis];
+                for (to, of) in column.iter_mut().zip(before) {
+                    to[0] -= factor * of[0];
+                    to[1] -= factor * of[1];
+                }
+            }
+            let scale = 1.0 / variance.sqrt();
+            for (to, lacking) in column.iter_mut().zip(&mut lacking) {
+                for (to, lacking) in to.iter_mut().zip(lacking) {
+                    *to *= scale;
+                    *lacking = (*lacking - *to * *to).max(0.0);
+                }
+            }
+            lacking[step][axis] = 0.0;
+            columns.push(column);
+            pivots.push((step, axis));
+        }
+        let mut rows = Vec::with_capacity(2 * steps * columns.len());
+        for step in 0..steps {
+            for axis in 0..2 {
+                rows.extend(columns.iter().map(|column| column[step][axis]));
+            }
+        }
+        Functions { count: columns.len(), rows, lacking_m2: lacking, pivots }
+    }
+
+    /// The expected error states at the steps given the weights of the functions.
+    pub fn states(&self, functions: &Functions, weights: &[f64]) -> Vec<StateVector> {
+        let steps = self.p.len();
+        // K_JJ = L Lᵀ with the pivots' own rows L, so that E x = K_xJ L⁻ᵀ u.
+        let mut forces = weights.to_vec();
+        for j in (0..functions.count).rev() {
+            let row = |k: usize| -> f64 {
+                let (step, axis) = functions.pivots[k];
+                functions.at(step, axis)[j]
+            };
+            let later: f64 = (j + 1..functions.count).map(|k| row(k) * forces[k]).sum();
+            forces[j] = (forces[j] - later) / row(j);
+        }
+        let mut at_step = vec![[0.0; 2]; steps];
+        for ((step, axis), force) in functions.pivots.iter().zip(&forces) {
+            at_step[*step][*axis] += force * self.m_per_rad[*axis];
+        }
+        let mut later = vec![[0.0; STATES]; steps];
+        let mut adjoint = [0.0; STATES];
+        for step in (0..steps).rev() {
+            later[step] = adjoint;
+            adjoint[LAT] += at_step[step][0];
+            adjoint[LON] += at_step[step][1];
+            adjoint = transposed(&self.phi[step], &adjoint);
+        }
+        let mut earlier = [0.0; STATES];
+        let mut out = Vec::with_capacity(steps);
+        for step in 0..steps {
+            earlier = propagate_state(&self.phi[step], &earlier);
+            let p = &self.p[step];
+            let [north, east] = at_step[step];
+            let x: StateVector = std::array::from_fn(|state| {
+                earlier[state] += north * p[state][LAT] + east * p[state][LON];
+                earlier[state] + p[state].iter().zip(&later[step]).map(|(p, a)| p * a).sum::<f64>()
+            });
+            out.push(x);
+        }
+        out
+    }
+
+    /// Where a time is among the steps; before the first and after the last it is that one.
+    pub fn between(&self, tt_s: f64) -> Between {
+        let after = self.tt_s.partition_point(|step_s| *step_s < tt_s);
+        let Some(step) = after.checked_sub(1) else { return Between { step: 0, part: 0.0 } };
+        match (self.tt_s.get(step), self.tt_s.get(after)) {
+            (Some(from_s), Some(to_s)) => Between { step, part: ((tt_s - from_s) / (to_s - from_s)).clamp(0.0, 1.0) },
+            _ => Between { step: self.tt_s.len().saturating_sub(1), part: 0.0 },
+        }
+    }
+
+    /// The variance of a position by the INS alone, in m²: north, east, and their covariance.
+    pub fn alone_m2(&self, step: usize) -> [f64; 3] {
+        let ([north, east], p) = (self.m_per_rad, &self.p[step]);
+        [north * north * p[LAT][LAT], east * east * p[LON][LON], north * east * p[LAT][LON]]
+    }
+
+    /// The number of steps.
+    pub fn steps(&self) -> usize {
+        self.p.len()
+    }
+
+    /// What positions from elsewhere say of the weights: their information matrix by rows, and that times their most
+    /// probable weights.
+    pub fn known(&self, functions: &Functions, line: &SlamLine<'_>, fixes: &PositionFixes) -> (Vec<f64>, Vec<f64>) {
+        let count = functions.count;
+        let (mut information, mut force) = (vec![0.0; count * count], vec![0.0; count]);
+        for row in 0..line.ins.len() {
+            for fix in fixes.at(line.ins, row, line.errors.earth).into_iter().flatten() {
+                let StateFix { state, error, variance } = fix;
+                let axis = match state {
+                    LAT => 0,
+                    LON => 1,
+                    // The height says nothing of the horizontal position.
+                    _ => continue,
+                };
+                let m_per_rad = self.m_per_rad[axis];
+                let [north, east] = functions.between(self.between(line.ins.tt_s[row]));
+                let h = if axis == 0 { north } else { east };
+                let weight = 1.0 / (variance * m_per_rad * m_per_rad);
+                for (i, a) in h.iter().enumerate() {
+                    force[i] += weight * a * error * m_per_rad;
+                    for (to, b) in information[i * count..(i + 1) * count].iter_mut().zip(&h) {
+                        *to += weight * a * b;
+                    }
+                }
+            }
+        }
+        (information, force)
+    }
+}
+
+impl Functions {
+    /// The functions at a step, of an axis, in m.
+    pub fn at(&self, step: usize, axis: usize) -> &[f64] {
+        let first = (2 * step + axis) * self.count;
+        &self.rows[first..first + self.count]
+    }
+
+    /// Those between two steps, north and east, in m.
+    pub fn between(&self, Between { step, part }: Between) -> [Vec<f64>; 2] {
+        [0, 1].map(|axis| {
+            let here = self.at(step, axis);
+            if part == 0.0 {
+                return here.to_vec();
+            }
+            let next = self.at(step + 1, axis);
+            here.iter().zip(next).map(|(a, b)| a + part * (b - a)).collect()
+        })
+    }
+}

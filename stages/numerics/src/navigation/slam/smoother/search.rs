@@ -1,0 +1,213 @@
+//! The most probable weights of the motion, and hyper-parameters of the largest likelihood.
+
+use faer::linalg::solvers::{DenseSolveCore, Llt, Solve};
+use faer::{Mat, MatRef, Side};
+
+use super::likelihood::{Factored, Problem};
+use crate::navigation::slam::kernel::Kernel;
+
+/// The most halvings of a step.
+const MOST_HALVINGS: usize = 10;
+/// The largest step of the logarithm of a hyper-parameter.
+const LARGEST_LOG: f64 = 1.0;
+/// What is added to the information of the logarithms, so that one that nothing depends on stays where it is.
+const DAMPING: f64 = 0.1;
+/// The hyper-parameters stand still when no logarithm moves by more.
+const STILL_LOG: f64 = 0.02;
+/// A white part of the kernel below this part of the measurement's noise makes no difference.
+const LEAST_NOISE: f64 = 0.1;
+
+/// What is known of the weights without the field: minus the logarithm of their density is uᵀ M u/2 − fᵀ u.
+pub struct Prior {
+    /// M.
+    pub information: Mat<f64>,
+    /// f.
+    pub force: Vec<f64>,
+}
+
+impl Prior {
+    fn cost(&self, weights: &[f64]) -> f64 {
+        let moved = self.times(weights);
+        weights.iter().zip(moved.iter().zip(&self.force)).map(|(u, (moved, force))| u * (0.5 * moved - force)).sum()
+    }
+
+    fn times(&self, weights: &[f64]) -> Vec<f64> {
+        let of = &self.information * MatRef::from_column_major_slice(weights, weights.len(), 1);
+        (0..weights.len()).map(|k| of[(k, 0)]).collect()
+    }
+}
+
+/// How the search goes.
+#[derive(Clone, Copy, Debug)]
+pub struct Rules {
+    /// The most linearisations.
+    pub passes: usize,
+    /// The search ends where a step moves no measurement by as much, in m.
+    pub tolerance_m: f64,
+    /// Whether the kernel is fitted too.
+    pub fits: bool,
+    /// The shortest and longest length of a kernel that is fitted, in m.
+    pub lengths_m: (f64, f64),
+}
+
+/// Where the search stands.
+pub struct Search<'a> {
+    problem: &'a Problem,
+    prior: &'a Prior,
+    rules: Rules,
+    /// The weights.
+    pub weights: Vec<f64>,
+    /// The kernel.
+    pub kernel: Kernel,
+    factored: Factored,
+    /// Passes made.
+    pub passes: usize,
+    /// How far the last whole step moves a measurement at the most, in m.
+    pub last_step_m: f64,
+    /// Whether path and kernel stand still.
+    pub converged: bool,
+}
+
+impl<'a> Search<'a> {
+    /// From these weights and kernel on; `None` where the covariance of the measurements is not positive there.
+    pub fn from(
+        problem: &'a Problem,
+        prior: &'a Prior,
+        rules: Rules,
+        weights: Vec<f64>,
+        kernel: Kernel,
+    ) -> Option<Self> {
+        let factored = problem.factored(&kernel, &weights)?;
+        let last_step_m = f64::INFINITY;
+        Some(Self { problem, prior, rules, weights, kernel, factored, passes: 0, last_step_m, converged: false })
+    }
+
+    /// Minus the logarithm of the density of path and measurements but for a constant.
+    pub fn cost(&self) -> f64 {
+        self.factored.cost + self.prior.cost(&self.weights)
+    }
+
+    /// What the model leaves of the measurements, squared over its variance, a measurement.
+    pub fn misfit(&self) -> f64 {
+        self.factored.square / self.problem.measured.len() as f64
+    }
+
+    /// See [`Factored::left_out`].
+    pub fn left_out(&self) -> Vec<f64> {
+        self.factored.left_out()
+    }
+
+    /// Passes until path and kernel stand still.
+    pub fn run(&mut self) -> Option<()> {
+        while self.passes < self.rules.passes && !self.converged {
+            let kernel_is_still = !self.rules.fits || self.fit();
+            let whole = self.step()?;
+            self.passes += 1;
+            self.last_step_m = self.largest_m(&whole);
+            let taken = self.descend(&whole);
+            let is_still = self.last_step_m < self.rules.tolerance_m || !taken;
+            self.converged = is_still && kernel_is_still && self.last_step_m < 10.0 * self.rules.tolerance_m;
+            if !taken && kernel_is_still {
+                break;
+            }
+        }
+        Some(())
+    }
+
+    /// The covariance of the weights, Laplace's.
+    pub fn covariance(&self) -> Option<Mat<f64>> {
+        Some(self.curvature().0?.inverse())
+    }
+
+    /// The factor of the information of the weights, and the gradient of the cost.
+    ///
+    /// Far from the optimum the likelihood may be curved the other way along some weights, which then have the information
+    /// of the prior.
+    fn curvature(&self) -> (Option<Llt<f64>>, Vec<f64>) {
+        let found = self.factored.derivatives(self.problem, &self.kernel);
+        let mut gradient = found.gradient;
+        for (to, (moved, force)) in
+            gradient.iter_mut().zip(self.prior.times(&self.weights).iter().zip(&self.prior.force))
+        {
+            *to += moved - force;
+        }
+        let n = gradient.len();
+        let symmetric = Mat::from_fn(n, n, |i, j| 0.5 * (found.hessian[(i, j)] + found.hessian[(j, i)]));
+        let Ok(eigen) = symmetric.self_adjoint_eigen(Side::Lower) else { return (None, gradient) };
+        let (vectors, values) = (eigen.U(), eigen.S());
+        let scaled = Mat::from_fn(n, n, |i, k| vectors[(i, k)] * values[k].max(0.0));
+        let information = &self.prior.information + &scaled * vectors.transpose();
+        (information.llt(Side::Lower).ok(), gradient)
+    }
+
+    /// The step to the optimum of the quadratic.
+    fn step(&self) -> Option<Vec<f64>> {
+        let (factor, gradient) = self.curvature();
+        let solved = factor?.solve(&MatRef::from_column_major_slice(&gradient, gradient.len(), 1));
+        let step: Vec<f64> = (0..gradient.len()).map(|k| -solved[(k, 0)]).collect();
+        step.iter().all(|x| x.is_finite()).then_some(step)
+    }
+
+    fn largest_m(&self, step: &[f64]) -> f64 {
+        self.problem.displacements_m(step).iter().map(|[n, e]| n.hypot(*e)).fold(0.0, f64::max)
+    }
+
+    /// Takes a step, halved until the cost does not rise; false where none will do.
+    fn descend(&mut self, whole: &[f64]) -> bool {
+        let before = self.cost();
+        let mut part = 1.0;
+        for _ in 0..=MOST_HALVINGS {
+            let weights: Vec<f64> = self.weights.iter().zip(whole).map(|(u, step)| u + part * step).collect();
+            if let Some(factored) = self.problem.factored(&self.kernel, &weights)
+                && factored.cost + self.prior.cost(&weights) <= before
+            {
+                (self.weights, self.factored) = (weights, factored);
+                return true;
+            }
+            part *= 0.5;
+        }
+        false
+    }
+
+    /// One step of Fisher's scoring of the kernel; whether it stands still.
+    fn fit(&mut self) -> bool {
+        let by = self.factored.by_kernel(&self.kernel);
+        let information = Mat::from_fn(3, 3, |i, j| by.information[i][j] + if i == j { DAMPING } else { 0.0 });
+        let Ok(factor) = information.llt(Side::Lower) else { return true };
+        let solved = factor.solve(&MatRef::from_column_major_slice(&by.gradient, 3, 1));
+        let step: [f64; 3] = std::array::from_fn(|k| -solved[(k, 0)]);
+        let largest = step.iter().fold(0.0_f64, |most, x| most.max(x.abs()));
+        if !largest.is_finite() {
+            return true;
+        }
+        let mut part = (LARGEST_LOG / largest).min(1.0);
+        for _ in 0..=MOST_HALVINGS {
+            let kernel = self.moved_kernel(step.map(|step| part * step));
+            if let Some(factored) = self.problem.factored(&kernel, &self.weights)
+                && factored.cost <= self.factored.cost
+            {
+                let ratio = |a: f64, b: f64| if a > 0.0 && b > 0.0 { (a / b).ln().abs() } else { 0.0 };
+                let still = ratio(kernel.sigma_se_nt, self.kernel.sigma_se_nt) < STILL_LOG
+                    && ratio(kernel.length_m, self.kernel.length_m) < STILL_LOG
+                    && ratio(kernel.sigma_n_nt, self.kernel.sigma_n_nt) < STILL_LOG;
+                (self.kernel, self.factored) = (kernel, factored);
+                return still;
+            }
+            part *= 0.5;
+        }
+        true
+    }
+
+    /// The kernel with steps of the logarithms of its standard deviation, length and noise, within its bounds.
+    fn moved_kernel(&self, [sigma, length, noise]: [f64; 3]) -> Kernel {
+        let measured = &self.problem.measured;
+        let mean_nt2 = measured.iter().map(|of| of.variance_nt2).sum::<f64>() / measured.len() as f64;
+        let (shortest, longest) = self.rules.lengths_m;
+        Kernel {
+            covariance: self.kernel.covariance,
+            sigma_se_nt: self.kernel.sigma_se_nt * sigma.exp(),
+            length_m: (self.kernel.length_m * length.exp()).clamp(shortest, longest),
+            sigma_n_nt: (self.kernel.sigma_n_nt * noise.exp()).max(LEAST_NOISE * mean_nt2.sqrt()),
+        }
+    }
+}

@@ -1,0 +1,65 @@
+//! The measurements that the smoother looks at: so few that their covariance is a matrix of bearable size.
+
+use super::likelihood::Measured;
+use crate::navigation::slam::kernel::Kernel;
+use crate::navigation::slam::samples::Sample;
+
+/// Samples within this part of a length of the kernel from the middle of their group are averaged: within it the field is
+/// straight to about a thousandth of its standard deviation.
+const AVERAGED: f64 = 0.05;
+
+/// At most `most` measurements of samples in time order, each the mean of neighbouring ones, with the mean of what the
+/// filter has the displacement of each sample at, in m.
+///
+/// A flight of more samples is divided into groups whose numbers differ by one at most. Of each those near its middle are
+/// averaged and the others are left out: a mean over a longer stretch would be of another field than the kernel's.
+pub fn thinned(samples: &[(Sample, [f64; 2])], kernel: &Kernel, most: usize) -> Vec<(Measured, [f64; 2])> {
+    let alt_m = samples.iter().map(|(sample, _)| sample.alt_m).sum::<f64>() / samples.len().max(1) as f64;
+    let (all, groups) = (samples.len(), samples.len().min(most));
+    let group = |k: usize| &samples[k * all / groups..(k + 1) * all / groups];
+    (0..groups).filter_map(|k| mean(near_middle(group(k), AVERAGED * kernel.length_m), kernel, alt_m)).collect()
+}
+
+/// The samples of a group that are near the one in its middle.
+fn near_middle(group: &[(Sample, [f64; 2])], within_m: f64) -> &[(Sample, [f64; 2])] {
+    let middle = group.len() / 2;
+    let Some((at, _)) = group.get(middle) else { return group };
+    let is_near = |(sample, _): &&(Sample, [f64; 2])| {
+        (sample.at_m[0] - at.at_m[0]).hypot(sample.at_m[1] - at.at_m[1]) <= within_m
+    };
+    let before = group[..middle].iter().rev().take_while(is_near).count();
+    let after = group[middle + 1..].iter().take_while(is_near).count();
+    &group[middle - before..=middle + after]
+}
+
+/// The mean of some samples with the inverse of their variances.
+fn mean(samples: &[(Sample, [f64; 2])], kernel: &Kernel, alt_m: f64) -> Option<(Measured, [f64; 2])> {
+    let mut weights = 0.0;
+    let mut sums = [0.0; 9];
+    for (sample, moved) in samples {
+        let weight = 1.0 / sample.variance_nt2;
+        let [north, east] = sample.at_m;
+        let [slope_n, slope_e] = sample.core_nt_per_m;
+        // Relative to the first one's time, whose digits would else be lost.
+        let of = [sample.tt_s - samples[0].0.tt_s, north, east, sample.alt_m, sample.value_nt, slope_n, slope_e];
+        for (sum, value) in sums.iter_mut().zip(of.into_iter().chain(*moved)) {
+            *sum += weight * value;
+        }
+        weights += weight;
+    }
+    let (first, _) = samples.first()?;
+    // Also false for a NaN.
+    let sound = weights > 0.0 && weights.is_finite();
+    if !sound {
+        return None;
+    }
+    let [time, north, east, height_m, value_nt, slope_n, slope_e, moved_n, moved_e] = sums.map(|sum| sum / weights);
+    let measured = Measured {
+        tt_s: first.tt_s + time,
+        at_m: [north, east],
+        value_nt,
+        variance_nt2: 1.0 / weights + kernel.height_nt2(height_m - alt_m),
+        core_nt_per_m: [slope_n, slope_e],
+    };
+    Some((measured, [moved_n, moved_e]))
+}
