@@ -15,7 +15,7 @@ model! {
     /// terms as they are. The ridge of them is only what `physics` holds on to.
     ///
     /// Source: thesis 000, section 4.2, model 2a.
-    M2a = "m2a", version 2, scaling Standardise, intercept true, made of Samples, choose [Given], takes [whiten],
+    M2a = "m2a", version 3, scaling Standardise, intercept true, made of Samples, choose [Given], takes [whiten],
     groups [network: Network, part: LinearPart], example "epochs = 5";
     /// The weight of the distance of the prediction from the linear model, squared and over the target's scale, in the
     /// loss.

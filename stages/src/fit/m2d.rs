@@ -14,7 +14,7 @@ model! {
     /// The network predicts by how much the coefficients of the ridge change with the inputs: a . (b + N(x)).
     ///
     /// Source: thesis 000, section 4.2, model 2d; Gnadt 2022.
-    M2d = "m2d", version 2, scaling Standardise, intercept true, made of Samples, choose [Given], takes [whiten],
+    M2d = "m2d", version 3, scaling Standardise, intercept true, made of Samples, choose [Given], takes [whiten],
     groups [network: Network, part: LinearPart], example "epochs = 5";
     /// The weight of the distance of the prediction from the linear model, squared and over the target's scale, in the
     /// loss.

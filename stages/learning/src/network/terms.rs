@@ -15,7 +15,9 @@ const CHUNK: usize = 4096;
 /// different things. The terms a become u = (a − mean) M, each of variance 1, with `whiten` uncorrelated; the
 /// coefficients b = M c that are trained along ([`Form::TrainedLinear`]) become c, and the output's bias takes up
 /// mean·b. Where the network weighs the terms ([`Form::Weights`], [`Form::WeightsAroundFixed`]) there is no bias to
-/// take it up: the mean stays, terms have a mean square of 1, and the weights of the output layer become those of u.
+/// take it up: the mean stays, terms have a mean square of 1, and the weights of the output layer become those of u. Such
+/// terms are not made uncorrelated: every one has outputs of its own, so that what hardly varies in the rows would weigh as much
+/// as all else, and rows that vary more in it would be far off.
 /// M has an inverse: every prediction of the scaled network is one of the original, to rounding. The other forms train
 /// nothing that is multiplied by terms, which stay as they are.
 #[derive(Debug, Clone, PartialEq)]
@@ -75,18 +77,17 @@ impl TermScaling {
         // A term that is the same in every row changes nothing, whatever it is divided by.
         let usable = |size: f64| if size > 0.0 && size.is_finite() { size } else { 1.0 };
         let maps = match whiten {
-            None => Maps::diagonal(mean, &sizes().into_iter().map(usable).collect::<Vec<f64>>()),
-            Some(keep) => {
-                let scaling = if centred { Scaling::Standardise } else { Scaling::MaxAbs };
-                let prepared = moments.prepare(scaling, centred)?;
+            Some(keep) if centred => {
+                let prepared = moments.prepare(Scaling::Standardise, true)?;
                 let singular = prepared.singular()?;
-                let rows = (moments.rows() as f64 - f64::from(u8::from(centred))).max(1.0);
+                let rows = (moments.rows() as f64 - 1.0).max(1.0);
                 let deviations: Vec<f64> = singular.values.iter().map(|s| s / rows.sqrt()).collect();
                 let largest = deviations.first().copied().unwrap_or(0.0);
                 let least = usable(last_kept(&deviations, keep)?.max(LEAST_COMPONENT * largest));
                 let deviations: Vec<f64> = deviations.into_iter().map(|d| d.max(least)).collect();
                 Maps::whitening(mean, prepared.scales(), &singular.right, &deviations)
             }
+            Some(_) | None => Maps::diagonal(mean, &sizes().into_iter().map(usable).collect::<Vec<f64>>()),
         };
         Ok(Self { offset: dot(&maps.mean, tolles_lawson), maps: Some(maps) })
     }
@@ -267,10 +268,13 @@ mod tests {
             assert!(column(3).all(|x| x.abs() < 1e-9), "{whiten:?}");
             assert_eq!(covariance(0, 1).abs() < 1e-6, whiten.is_some(), "{}", covariance(0, 1));
         }
-        let u = TermScaling::of(Form::Weights, &a, WIDTH, Some(3.0), &[0.0; WIDTH]).unwrap().apply(a);
+        let u = TermScaling::of(Form::Weights, &a, WIDTH, Some(3.0), &[0.0; WIDTH]).unwrap().apply(a.clone());
         for k in 0..3 {
             let square = u.iter().skip(k).step_by(WIDTH).map(|x| x * x).sum::<f64>() / 5000.0;
             assert!((square - 1.0).abs() < 1e-8, "{k}: {square}");
+            // Each is its own term, in another unit.
+            let ratio = u[k] / a[k];
+            assert!(a.iter().zip(&u).skip(k).step_by(WIDTH).all(|(a, u)| (u - ratio * a).abs() < 1e-9), "{k}");
         }
     }
 

@@ -2,8 +2,10 @@
 //!
 //! Both searches work on one run of finite samples and say which of them are spikes; what becomes of those is up to the
 //! caller. Their noise is a robust figure, 1.4826 times the median absolute deviation, and at least one step of the
-//! quantisation (the smallest difference between neighbours that is not 0), so that the last digit of a quiet sensor is
-//! not a spike.
+//! quantisation (the smallest difference between neighbours that is more than rounding), so that the last digit of a quiet
+//! sensor is not a spike. Where more than half of a run deviates by no more than rounding, since it is held, interpolated or
+//! coarser than its noise, the median is that of the other samples: the steps and corners of such a column are not spikes, and
+//! what stands out of them is. A run that is constant but for its spikes has nothing to tell them by: none are found.
 
 use crate::regression::statistics::median;
 
@@ -12,6 +14,10 @@ const SIGMA_OF_MAD: f64 = 1.482_602_218_505_602;
 
 /// The variance of the fourth difference of white noise of variance 1: 1 + 16 + 36 + 16 + 1.
 const FOURTH_DIFFERENCE_GAIN: f64 = 70.0;
+
+/// What rounding to double precision makes of a fourth difference at most, for values of size 1: its coefficients, regardless of
+/// sign, add up to 16.
+const ROUNDING: f64 = 16.0 * f64::EPSILON;
 
 /// Passes after which the fourth difference gives up to find more.
 const MOST_PASSES: usize = 20;
@@ -38,8 +44,8 @@ pub fn hampel(x: &[f64], half: usize, threshold: f64) -> Vec<bool> {
             (x[i] - middle, SIGMA_OF_MAD * median(&mut window))
         })
         .unzip();
-    let mut all: Vec<f64> = off.iter().map(|x| x.abs()).collect();
-    let least = (SIGMA_OF_MAD * median(&mut all)).max(quantisation(x));
+    let sizes: Vec<f64> = off.iter().map(|x| x.abs()).collect();
+    let least = noise_of_run(x, &sizes, |_| true);
     off.iter().zip(&noise).map(|(off, noise)| off.abs() > threshold * noise.max(least)).collect()
 }
 
@@ -58,13 +64,11 @@ pub fn fourth_difference(x: &[f64], threshold: f64) -> Vec<bool> {
     }
     let mut x = x.to_vec();
     let mut sizes = fourth_differences(&x);
-    let least = (SIGMA_OF_MAD * median(&mut sizes.clone())).max(quantisation(&x));
+    // A corner is also in the differences beside it: its own is the greatest.
+    let least = noise_of_run(&x, &sizes, |i| is_peak(&sizes, i));
     for _ in 0..MOST_PASSES {
-        let above = |i: usize| {
-            let around = &sizes[i.saturating_sub(2)..(i + 3).min(sizes.len())];
-            sizes[i] > threshold * least && around.iter().all(|other| *other <= sizes[i])
-        };
-        let spikes: Vec<usize> = (0..sizes.len()).filter(|i| above(*i)).map(|i| i + 2).collect();
+        let above = |i: &usize| sizes[*i] > threshold * least && is_peak(&sizes, *i);
+        let spikes: Vec<usize> = (0..sizes.len()).filter(above).map(|i| i + 2).collect();
         if spikes.is_empty() {
             break;
         }
@@ -83,10 +87,24 @@ fn fourth_differences(x: &[f64]) -> Vec<f64> {
     x.windows(5).map(of).collect()
 }
 
-/// The smallest difference between neighbours that is not 0; 0 where all are equal.
-fn quantisation(x: &[f64]) -> f64 {
-    let steps = x.windows(2).map(|pair| (pair[1] - pair[0]).abs()).filter(|step| *step > 0.0);
-    steps.min_by(f64::total_cmp).unwrap_or(0.0)
+/// Whether none of the two differences to either side is greater.
+fn is_peak(sizes: &[f64], i: usize) -> bool {
+    sizes[i.saturating_sub(2)..(i + 3).min(sizes.len())].iter().all(|other| *other <= sizes[i])
+}
+
+/// The noise that the deviations of a run show, of those of which `counts` is true where most are rounding.
+fn noise_of_run(x: &[f64], sizes: &[f64], counts: impl Fn(usize) -> bool) -> f64 {
+    // Of most values, not of the greatest, which may be a spike.
+    let rounding = ROUNDING * median(&mut x.iter().map(|x| x.abs()).collect::<Vec<_>>());
+    let steps = x.windows(2).map(|pair| (pair[1] - pair[0]).abs()).filter(|step| *step > rounding);
+    let quantisation = steps.min_by(f64::total_cmp).unwrap_or(rounding);
+    let mut middle = median(&mut sizes.to_vec());
+    if middle <= rounding {
+        let more = |i: &usize| sizes[*i] > rounding && counts(*i);
+        let mut others: Vec<f64> = (0..sizes.len()).filter(more).map(|i| sizes[i]).collect();
+        middle = if others.is_empty() { 0.0 } else { median(&mut others) };
+    }
+    (SIGMA_OF_MAD * middle).max(quantisation)
 }
 
 #[cfg(test)]
@@ -138,6 +156,53 @@ mod tests {
         assert!(places(&fourth_difference(&x, 3.0)).is_empty());
         x[200] += 1.0;
         assert_eq!((places(&hampel(&x, 5, 3.0)), places(&fourth_difference(&x, 3.0))), (vec![200], vec![200]));
+    }
+
+    /// A record in hundredths of a nanotesla, with a value for each `every` samples and straight lines in between.
+    fn interpolated(every: usize, rows: usize) -> Vec<f64> {
+        let mut normals = Normals::new(9);
+        let knots: Vec<f64> = (0..rows / every + 2)
+            .scan(50_000.0, |x, _| {
+                *x += normals.draw();
+                Some((*x * 100.0_f64).round() / 100.0)
+            })
+            .collect();
+        (0..rows)
+            .map(|i| {
+                let (k, part) = (i / every, (i % every) as f64 / every as f64);
+                knots[k] + (knots[k + 1] - knots[k]) * part
+            })
+            .collect()
+    }
+
+    #[test]
+    fn law_the_corners_of_an_interpolated_column_are_no_spikes() {
+        for every in [7, 10, 50, 600] {
+            let mut x = interpolated(every, 20_000);
+            assert!(places(&fourth_difference(&x, 6.0)).is_empty(), "{every}");
+            assert!(places(&hampel(&x, 5, 6.0)).is_empty(), "{every}");
+            for spike in [100.0, 1e30] {
+                x[7777] = x[7776] + spike;
+                assert_eq!(places(&fourth_difference(&x, 6.0)), [7777], "{every}, {spike}");
+                assert_eq!(places(&hampel(&x, 5, 6.0)), [7777], "{every}, {spike}");
+            }
+        }
+    }
+
+    #[test]
+    fn law_the_last_digit_between_two_samples_is_no_spike() {
+        // A quiet sensor of 0.01 nT at 160 Hz, at the times of another clock: flickers are shared by two samples, in any parts.
+        let quiet = |i: usize| 50_000.0 + if i % 37 == 0 { 0.01 } else { 0.0 };
+        let mut x: Vec<f64> = (0..4000)
+            .map(|i| {
+                let at = i as f64 * 1.003;
+                let part = at.fract();
+                quiet(at as usize) * (1.0 - part) + quiet(at as usize + 1) * part
+            })
+            .collect();
+        assert!(places(&hampel(&x, 5, 6.0)).is_empty() && places(&fourth_difference(&x, 6.0)).is_empty());
+        x[2000] += 1.0;
+        assert_eq!((places(&hampel(&x, 5, 6.0)), places(&fourth_difference(&x, 6.0))), (vec![2000], vec![2000]));
     }
 
     #[test]
