@@ -12,14 +12,12 @@ const CHUNK: usize = 4096;
 /// The scaling of linear terms for training, and that of the parameters which belong to them.
 ///
 /// A step of Adam moves every coefficient by about the learning rate, so that terms have to be of one size, and to say
-/// different things. The terms a become u = (a − mean) M, each of variance 1, with `whiten` uncorrelated; the
-/// coefficients b = M c that are trained along ([`Form::TrainedLinear`]) become c, and the output's bias takes up
-/// mean·b. Where the network weighs the terms ([`Form::Weights`], [`Form::WeightsAroundFixed`]) there is no bias to
-/// take it up: the mean stays, terms have a mean square of 1, and the weights of the output layer become those of u. Such
-/// terms are not made uncorrelated: every one has outputs of its own, so that what hardly varies in the rows would weigh as much
-/// as all else, and rows that vary more in it would be far off.
-/// M has an inverse: every prediction of the scaled network is one of the original, to rounding. The other forms train
-/// nothing that is multiplied by terms, which stay as they are.
+/// different things. Where their coefficients are trained along ([`Form::TrainedLinear`]) the terms a become u = (a − mean) M,
+/// each of variance 1, with `whiten` uncorrelated; the coefficients b = M c become c, and the output's bias takes up mean·b.
+/// M has an inverse: every prediction of the scaled network is one of the original, to rounding.
+///
+/// Terms that the network weighs ([`Form::Weights`], [`Form::WeightsAroundFixed`]) stay as they are: each has an output of its own, and
+/// what hardly varies in the rows would weigh as much as all else. The other forms train nothing that is multiplied by terms.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TermScaling {
     /// What Tolles-Lawson has at the mean of the terms.
@@ -50,34 +48,21 @@ impl TermScaling {
         whiten: Option<f64>,
         tolles_lawson: &[f64],
     ) -> Result<Self, InputsError> {
-        let centred = match form {
-            Form::Plain | Form::FixedLinear => return Ok(Self { offset: 0.0, maps: None }),
-            Form::TrainedLinear => true,
-            Form::Weights | Form::WeightsAroundFixed => false,
-        };
+        match form {
+            Form::Plain | Form::FixedLinear | Form::Weights | Form::WeightsAroundFixed => {
+                return Ok(Self { offset: 0.0, maps: None });
+            }
+            Form::TrainedLinear => {}
+        }
         if width == 0 || !a.len().is_multiple_of(width) || a.is_empty() {
             return Err(InputsError::Shape { given: a.len(), width });
         }
         let moments = Moments::of(a, width, &[])?;
-        let sizes = || -> Vec<f64> {
-            let both = moments.term_means().into_iter().zip(moments.term_deviations());
-            both.map(|(mean, deviation)| {
-                if !centred {
-                    mean.hypot(deviation)
-                } else if deviation > LEAST_DEVIATION * mean.abs() {
-                    deviation
-                } else {
-                    // There is nothing but the rounding of a constant.
-                    0.0
-                }
-            })
-            .collect()
-        };
-        let mean = if centred { moments.term_means() } else { vec![0.0; width] };
+        let mean = moments.term_means();
         // A term that is the same in every row changes nothing, whatever it is divided by.
         let usable = |size: f64| if size > 0.0 && size.is_finite() { size } else { 1.0 };
         let maps = match whiten {
-            Some(keep) if centred => {
+            Some(keep) => {
                 let prepared = moments.prepare(Scaling::Standardise, true)?;
                 let singular = prepared.singular()?;
                 let rows = (moments.rows() as f64 - 1.0).max(1.0);
@@ -87,7 +72,14 @@ impl TermScaling {
                 let deviations: Vec<f64> = deviations.into_iter().map(|d| d.max(least)).collect();
                 Maps::whitening(mean, prepared.scales(), &singular.right, &deviations)
             }
-            Some(_) | None => Maps::diagonal(mean, &sizes().into_iter().map(usable).collect::<Vec<f64>>()),
+            None => {
+                // Less is the rounding of a constant.
+                let size = |(mean, deviation): (&f64, f64)| {
+                    if deviation > LEAST_DEVIATION * mean.abs() { usable(deviation) } else { 1.0 }
+                };
+                let sizes: Vec<f64> = mean.iter().zip(moments.term_deviations()).map(size).collect();
+                Maps::diagonal(mean, &sizes)
+            }
         };
         Ok(Self { offset: dot(&maps.mean, tolles_lawson), maps: Some(maps) })
     }
@@ -126,8 +118,8 @@ impl TermScaling {
     pub fn scaled(&self, shape: &Shape, parameters: &[f64]) -> Vec<f64> {
         let Some(maps) = &self.maps else { return parameters.to_vec() };
         let mut out = parameters.to_vec();
-        if let Some(bias) = out.get_mut(shape.last_bias()).filter(|_| shape.form == Form::TrainedLinear) {
-            *bias += dot(&maps.mean, parameters.get(shape.linear_start()..).unwrap_or_default()) - self.offset;
+        if let Some(bias) = out.get_mut(shape.last_bias()) {
+            *bias += dot(&maps.mean, coefficients_in(shape, parameters)) - self.offset;
         }
         multiply(&maps.back, shape, &mut out);
         out
@@ -138,8 +130,8 @@ impl TermScaling {
         let Some(maps) = &self.maps else { return parameters.to_vec() };
         let mut out = parameters.to_vec();
         multiply(&maps.to, shape, &mut out);
-        let at_mean = dot(&maps.mean, out.get(shape.linear_start()..).unwrap_or_default());
-        if let Some(bias) = out.get_mut(shape.last_bias()).filter(|_| shape.form == Form::TrainedLinear) {
+        let at_mean = dot(&maps.mean, coefficients_in(shape, &out));
+        if let Some(bias) = out.get_mut(shape.last_bias()) {
             *bias += self.offset - at_mean;
         }
         out
@@ -202,26 +194,16 @@ fn product(matrix: &[f64], x: &[f64]) -> Vec<f64> {
     matrix.chunks_exact(x.len().max(1)).map(|row| dot(row, x)).collect()
 }
 
-/// Multiplies what belongs to terms: their coefficients, and for networks that weigh them the output layer, unit by unit
-/// a term.
+/// The coefficients of the terms among the parameters of a network.
+fn coefficients_in<'a>(shape: &Shape, parameters: &'a [f64]) -> &'a [f64] {
+    let first = shape.linear_start();
+    parameters.get(first..first + shape.linear).unwrap_or_default()
+}
+
+/// Multiplies the coefficients of the terms by a matrix.
 fn multiply(matrix: &[f64], shape: &Shape, parameters: &mut [f64]) {
-    let terms = shape.linear;
-    let mut one = |first: usize, step: usize| {
-        let places = || (0..terms).map(|term| first + term * step);
-        let values: Vec<f64> = places().filter_map(|place| parameters.get(place).copied()).collect();
-        if values.len() == terms {
-            places().zip(product(matrix, &values)).for_each(|(place, value)| parameters[place] = value);
-        }
-    };
-    if shape.form.holds_linear() {
-        one(shape.linear_start(), 1);
-    }
-    if shape.form.weighs()
-        && let Some(layer) = shape.layers().last()
-    {
-        (0..layer.inputs).for_each(|input| one(layer.start + input, layer.inputs));
-        one(layer.start + layer.inputs * layer.units, 1);
-    }
+    let new = product(matrix, coefficients_in(shape, parameters));
+    parameters.iter_mut().skip(shape.linear_start()).zip(new).for_each(|(to, value)| *to = value);
 }
 
 #[cfg(test)]
@@ -268,13 +250,9 @@ mod tests {
             assert!(column(3).all(|x| x.abs() < 1e-9), "{whiten:?}");
             assert_eq!(covariance(0, 1).abs() < 1e-6, whiten.is_some(), "{}", covariance(0, 1));
         }
-        let u = TermScaling::of(Form::Weights, &a, WIDTH, Some(3.0), &[0.0; WIDTH]).unwrap().apply(a.clone());
-        for k in 0..3 {
-            let square = u.iter().skip(k).step_by(WIDTH).map(|x| x * x).sum::<f64>() / 5000.0;
-            assert!((square - 1.0).abs() < 1e-8, "{k}: {square}");
-            // Each is its own term, in another unit.
-            let ratio = u[k] / a[k];
-            assert!(a.iter().zip(&u).skip(k).step_by(WIDTH).all(|(a, u)| (u - ratio * a).abs() < 1e-9), "{k}");
+        for form in [Form::Plain, Form::FixedLinear, Form::Weights, Form::WeightsAroundFixed] {
+            let as_it_is = TermScaling::of(form, &a, WIDTH, Some(3.0), &[0.0; WIDTH]).unwrap();
+            assert_eq!(as_it_is.apply(a.clone()), a, "{form:?}");
         }
     }
 
@@ -294,7 +272,7 @@ mod tests {
                 let name = format!("{form:?} {whiten:?}");
                 near(&moved, &shape.predict(&parameters, &x, &a), 1e-9, &name);
                 near(&scaling.original(&shape, &scaled), &parameters, 1e-9, &name);
-                let changed = matches!(form, Form::TrainedLinear | Form::Weights | Form::WeightsAroundFixed);
+                let changed = form == Form::TrainedLinear;
                 assert_eq!(scaled != parameters, changed, "{name}");
                 // Tolles-Lawson, to which the physics term holds on.
                 if changed {

@@ -192,7 +192,7 @@ mod tests {
     #[test]
     fn law_the_last_digit_between_two_samples_is_no_spike() {
         // A quiet sensor of 0.01 nT at 160 Hz, at the times of another clock: flickers are shared by two samples, in any parts.
-        let quiet = |i: usize| 50_000.0 + if i % 37 == 0 { 0.01 } else { 0.0 };
+        let quiet = |i: usize| 50_000.0 + if i.is_multiple_of(37) { 0.01 } else { 0.0 };
         let mut x: Vec<f64> = (0..4000)
             .map(|i| {
                 let at = i as f64 * 1.003;

@@ -1,29 +1,26 @@
-//! The work of `../networks.rs` in candle and in burn: a network of 77 inputs, 8 units with swish and one output, 400,000
+//! The work of `../networks.rs` in candle: a network of 77 inputs, 8 units with swish and one output, 400,000
 //! samples shuffled anew in every epoch, batches of 2048, Adam, mean squared error.
 //!
 //! `cargo run --release` runs `../networks.rs`, then prints milliseconds on the clock and of the processors for an epoch of
-//! each framework, in single and double precision, on one and on two threads, how many times as long as magline in double
+//! candle, in single and double precision, on one and on two threads, how many times as long as magline in double
 //! precision that is, and whether the trained weights have the same bits on one and two threads. `cargo run --release --
-//! PROGRAM` runs that program of the bench in place of building it. It asserts that the loss falls, and that candle and burn,
-//! which start from the same weights, end at the same loss. The number of threads is one of the process, so that each case is
-//! a process of its own.
+//! PROGRAM` runs that program of the bench in place of building it. It asserts that the loss falls. The number of threads is one
+//! of the process, so that each case is a process of its own.
 
 use std::{process::Command, time::Instant};
 
-#[cfg(feature = "burn")]
-mod in_burn;
 mod in_candle;
 
 type Failure = Box<dyn std::error::Error>;
 
-const FRAMEWORKS: &[&str] = if cfg!(feature = "burn") { &["candle", "burn"] } else { &["candle"] };
+const FRAMEWORKS: [&str; 1] = ["candle"];
 const ROWS: usize = 400_000;
 const INPUTS: usize = 77;
 const HIDDEN: usize = 8;
 const BATCH: usize = 2048;
 const EPOCHS: usize = 5;
 
-/// What both frameworks are given.
+/// What a framework is given.
 struct Work {
     /// Inputs, row-major.
     x: Vec<f64>,
@@ -140,8 +137,6 @@ fn one(framework: &str, double: bool) -> Result<(), Failure> {
     };
     let weights = match framework {
         "candle" => in_candle::train(&work, double, &mut each)?,
-        #[cfg(feature = "burn")]
-        "burn" => in_burn::train(&work, double, &mut each)?,
         other => return Err(format!("no framework is called {other}").into()),
     };
     assert!(losses.windows(2).all(|pair| pair[1] < pair[0]), "the loss does not fall: {losses:?}");
