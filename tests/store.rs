@@ -310,6 +310,25 @@ fn r11_tables_are_listed_and_removed() {
 }
 
 #[test]
+fn store_results_stay_where_the_list_of_a_version_is_damaged() {
+    let bench = ran();
+    let list = bench.path("store/tables/small").canonicalize().unwrap().with_file_name("version.json");
+    let text = fs::read_to_string(&list).unwrap();
+    fs::write(&list, text.replacen("scores", "scorer", 1)).unwrap();
+    let packs = files(&bench.path("store/objects")).len();
+    let output = bench.magline(&["gc", "--store", "store", "--yes"]);
+    assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
+    assert!(stderr(&output).contains("its packs are not known"), "{}", stderr(&output));
+    assert_eq!(files(&bench.path("store/objects")).len(), packs);
+    let again = bench.run(&[]);
+    assert_eq!((again.code, again.total("computed")), (0, 0), "{}", again.stderr);
+    assert!(bench.magline(&["gc", "--store", "store", "--yes"]).status.success());
+    assert_eq!(files(&bench.path("store/objects")).len(), packs);
+    let last = bench.run(&[]);
+    assert_eq!((last.code, last.total("computed")), (0, 0), "{}", last.stderr);
+}
+
+#[test]
 fn r11_a_line_that_is_added_costs_its_own_bytes() {
     let bench = Bench::new();
     bench.spec(&SPEC.replace("line like '%.01'", "line = '1.01'"));

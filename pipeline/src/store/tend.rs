@@ -109,7 +109,7 @@ pub(super) fn is_old(path: &Path, than: Duration) -> bool {
 /// A concurrent run may reference any pack, so packs are kept then.
 ///
 /// # Errors
-/// Fails when the file system refuses.
+/// Fails when the file system refuses, and where the list of a newest version is damaged.
 pub fn collect(store: &Store, what: Collect) -> Result<Collected, Fault> {
     if let Some(remote) = store.remote() {
         return remote.collect(store, what);
@@ -131,8 +131,17 @@ pub fn collect(store: &Store, what: Collect) -> Result<Collected, Fault> {
         for (i, (number, folder)) in all.into_iter().enumerate() {
             let goes = i < spare && now.as_deref() != Some(&folder) && is_old(&folder, what.older_than);
             if !goes {
-                let version = Version::open(&folder);
-                live.extend(version.into_iter().flat_map(|v| v.manifest.packs));
+                match Version::open(&folder) {
+                    Some(version) => live.extend(version.manifest.packs),
+                    None if now.as_deref() == Some(&folder) => {
+                        let list = folder.join("version.json");
+                        let what = format!("{} is damaged: its packs are not known", list.display());
+                        return Err(Fault::machine(what)
+                            .help("run the spec again: its tables are published again, and `gc` then knows what they need"));
+                    }
+                    // No table is read from it.
+                    None => {}
+                }
                 continue;
             }
             done.versions.push(format!("{name}/{number}"));
