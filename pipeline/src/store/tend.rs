@@ -136,8 +136,9 @@ pub fn collect(store: &Store, what: Collect) -> Result<Collected, Fault> {
                     None if now.as_deref() == Some(&folder) => {
                         let list = folder.join("version.json");
                         let what = format!("{} is damaged: its packs are not known", list.display());
-                        return Err(Fault::machine(what)
-                            .help("run the spec again: its tables are published again, and `gc` then knows what they need"));
+                        return Err(Fault::machine(what).help(
+                            "run the spec again: its tables are published again, and `gc` then knows what they need",
+                        ));
                     }
                     // No table is read from it.
                     None => {}

@@ -3,6 +3,7 @@
 
 use numerics::regression::least_squares::{LeastSquaresError, Moments, Scaling};
 use numerics::regression::principal_components::{Kept, PrincipalComponents};
+use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 
 /// Rows that are summed by themselves, fixed so that the sums do not depend on the number of threads.
@@ -150,25 +151,60 @@ impl Inputs {
         let (columns, width) = (self.mean.len().max(1), self.width().max(1));
         let rows = x.len() / columns;
         let mut out = vec![0.0; rows * width];
+        // By columns, so that a column of weights lies along the vector and each sum is over columns in their order.
+        let weights: Option<Vec<f64>> = self.components.as_ref().map(|components| {
+            (0..columns * width).map(|k| components.weights[k % width * columns + k / width]).collect()
+        });
         let chunks = x[..rows * columns].par_chunks(CHUNK * columns).zip(out.par_chunks_mut(CHUNK * width));
         chunks.for_each(|(x, out)| {
-            let mut scaled = vec![0.0; columns];
-            for (row, out) in x.chunks_exact(columns).zip(out.chunks_exact_mut(width)) {
-                let scales = self.mean.iter().zip(&self.scale);
-                for (z, (x, (mean, scale))) in scaled.iter_mut().zip(row.iter().zip(scales)) {
-                    *z = (x - mean) / scale;
-                }
-                match &self.components {
-                    None => out.copy_from_slice(&scaled),
-                    Some(components) => {
-                        for (out, weights) in out.iter_mut().zip(components.weights.chunks_exact(columns)) {
-                            *out = weights.iter().zip(&scaled).map(|(w, x)| w * x).sum();
-                        }
-                    }
-                }
-            }
+            pulp::Arch::new().dispatch(Scaled {
+                mean: &self.mean,
+                scale: &self.scale,
+                weights: weights.as_deref(),
+                x,
+                out,
+            });
         });
         out
+    }
+}
+
+/// Rows of inputs from rows of columns.
+struct Scaled<'a> {
+    mean: &'a [f64],
+    scale: &'a [f64],
+    /// The weights of the components, a row for each column.
+    weights: Option<&'a [f64]>,
+    x: &'a [f64],
+    out: &'a mut [f64],
+}
+
+// A struct, since a closure as large as this is called in place of being compiled for the wider vectors.
+impl WithSimd for Scaled<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { mean, scale, weights, x, out } = self;
+        let columns = mean.len().max(1);
+        let width = weights.map_or(columns, |weights| weights.len() / columns);
+        let mut scaled = vec![0.0; columns];
+        for (row, out) in x.chunks_exact(columns).zip(out.chunks_exact_mut(width.max(1))) {
+            for (z, (x, (mean, scale))) in scaled.iter_mut().zip(row.iter().zip(mean.iter().zip(scale))) {
+                *z = (x - mean) / scale;
+            }
+            let Some(weights) = weights else {
+                out.copy_from_slice(&scaled);
+                continue;
+            };
+            // A sum that begins with -0 is that of its terms to the last bit.
+            out.fill(-0.0);
+            for (x, weights) in scaled.iter().zip(weights.chunks_exact(width.max(1))) {
+                for (out, w) in out.iter_mut().zip(weights) {
+                    *out += w * x;
+                }
+            }
+        }
     }
 }
 

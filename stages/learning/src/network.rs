@@ -46,6 +46,7 @@
 mod activation;
 mod convolution;
 mod ensemble;
+mod gathering;
 mod kernels;
 mod lbfgs;
 mod loss;

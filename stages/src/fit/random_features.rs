@@ -45,7 +45,7 @@ impl FitModel for RandomFeatures {
     fn learn(&self, samples: &Samples, _: &Settings, work: &PointWork) -> Result<Learnt, Fault> {
         let lines: Vec<usize> = (0..samples.lines.len()).collect();
         let mut at = samples.places(self.inputs.as_ref()).map_err(|f| f.of_param("inputs"))?;
-        let (scaling, constant) = scaling(samples, &lines, &mut at, None)?;
+        let (scaling, constant, x) = scaling(samples, &lines, &mut at, None)?;
         let y = samples.target(&lines);
         work.goes_on(&format!("{} random features of {} samples", self.random_features, y.len()))?;
         let kernel = Kernel {
@@ -55,7 +55,7 @@ impl FitModel for RandomFeatures {
             lambda: self.noise_ratio,
             seed: self.seed as u64,
         };
-        let x = scaling.apply(&samples.columns(&at, &lines));
+        let x = scaling.apply(&x);
         let mut model = fit(&x, at.len(), &y, &kernel).map_err(|e| Fault::data(e.to_string()))?;
         if !self.sigma {
             model.factor.clear();

@@ -44,8 +44,15 @@ impl LineSamples<'_> {
 
     /// Some columns of its rows, row-major.
     pub fn columns(&self, at: &[usize], width: usize) -> Vec<f64> {
-        let rows = self.x.chunks_exact(width.max(1));
-        rows.flat_map(|row| at.iter().filter_map(|&i| row.get(i).copied())).collect()
+        let mut out = Vec::with_capacity(self.y.len() * at.len());
+        self.add_columns(at, width, &mut out);
+        out
+    }
+
+    fn add_columns(&self, at: &[usize], width: usize, out: &mut Vec<f64>) {
+        for row in self.x.chunks_exact(width.max(1)) {
+            out.extend(at.iter().filter_map(|&i| row.get(i)));
+        }
     }
 }
 
@@ -63,8 +70,10 @@ impl Samples<'_> {
 
     /// Some columns of some lines, one line behind the other.
     pub fn columns(&self, at: &[usize], lines: &[usize]) -> Vec<f64> {
-        let width = self.names.len();
-        lines.iter().filter_map(|&i| self.lines.get(i)).flat_map(|line| line.columns(at, width)).collect()
+        let lines = || lines.iter().filter_map(|&i| self.lines.get(i));
+        let mut out = Vec::with_capacity(lines().map(|line| line.y.len()).sum::<usize>() * at.len());
+        lines().for_each(|line| line.add_columns(at, self.names.len(), &mut out));
+        out
     }
 
     /// The numbers of rows of the runs of some lines.

@@ -6,6 +6,7 @@ use rayon::prelude::*;
 
 use numerics::random::SplitMix64;
 
+use super::gathering::gather;
 use super::passes::{BLOCK, Buffers, Dropout, Packed};
 use super::shape::{derived_seed, unit_uniform};
 use super::training::{Samples, SparseGroupLasso, Training};
@@ -183,14 +184,12 @@ impl<'a> Objective<'a> {
                 if body.is_none() {
                     x.clear();
                 }
-                for row in &rows[range] {
-                    let row = *row as usize;
-                    if body.is_none() {
-                        x.extend_from_slice(&self.samples.x[row * inputs..][..inputs]);
-                    }
-                    a.extend_from_slice(&self.samples.a[row * linear..][..linear]);
-                    y.push(self.samples.y[row]);
+                let rows = &rows[range];
+                if body.is_none() {
+                    gather(self.samples.x, inputs, rows, x);
                 }
+                gather(self.samples.a, linear, rows, a);
+                gather(self.samples.y, 1, rows, y);
                 (x.as_slice(), a.as_slice(), y.as_slice())
             }
         };

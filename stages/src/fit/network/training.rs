@@ -150,8 +150,11 @@ pub fn learn(
     let (train_on, validate_on) = samples.split(&keys.validation)?;
     let warm = work.start.map(|model| WarmStart::of(model, beside.form)).transpose()?;
     let mut at = samples.places(keys.inputs.as_ref()).map_err(|f| f.of_param("inputs"))?;
-    let (scaling, constant) = match &warm {
-        Some(warm) => (warm.scaling(samples, &mut at, settings.whiten)?, vec![]),
+    let (scaling, constant, columns) = match &warm {
+        Some(warm) => {
+            let scaling = warm.scaling(samples, &mut at, settings.whiten)?;
+            (scaling, vec![], samples.columns(&at, &train_on))
+        }
         None => scaling(samples, &train_on, &mut at, settings.whiten)?,
     };
     let (linear_at, coefficients) = match beside.linear {
@@ -171,8 +174,8 @@ pub fn learn(
     }
     let in_scale: Vec<f64> = coefficients.iter().map(|b| b / target.1).collect();
     let terms = term_scaling(samples, &train_on, &linear_at, &in_scale, beside.form, settings.whiten)?;
-    let scaled = |lines: &[usize], (mean, scale): (f64, f64)| Scaled {
-        x: scaling.apply(&samples.columns(&at, lines)),
+    let scaled = |lines: &[usize], columns: Vec<f64>, (mean, scale): (f64, f64)| Scaled {
+        x: scaling.apply(&columns),
         a: terms.apply(samples.columns(&linear_at, lines)),
         y: samples.target(lines).iter().map(|y| (y - mean) / scale - terms.offset()).collect(),
         runs: samples.runs(lines),
@@ -199,7 +202,7 @@ pub fn learn(
             warm.check(keys, &core, samples)?;
             let members = warm.members(beside.form, &in_scale);
             let members: Vec<Vec<f64>> = members.iter().map(|m| core.scaled(&terms, m)).collect();
-            let mut rows = scaled(&train_on, (0.0, target.1));
+            let mut rows = scaled(&train_on, columns, (0.0, target.1));
             // The constant of another aircraft is not that of this one.
             let left = members.iter().flat_map(|m| {
                 let made = core.predict(m, &rows);
@@ -215,11 +218,11 @@ pub fn learn(
         }
         None => {
             let members = (0..keys.members).map(|member| core.initial(member_seed(keys, member), &tolles_lawson));
-            (members.collect(), scaled(&train_on, target))
+            (members.collect(), scaled(&train_on, columns, target))
         }
     };
     let far = warm.as_ref().map(|warm| warm.far(samples, &at, &train_on)).unwrap_or_default();
-    let validation = scaled(&validate_on, target);
+    let validation = scaled(&validate_on, samples.columns(&at, &validate_on), target);
     let beginning = Beginning { members, linear: tolles_lawson };
     let training_rows = (&rows, &validation);
     let trained = train_members(keys, beside.physics, &core, &beginning, training_rows, target.1, work)?;
@@ -249,7 +252,8 @@ pub fn learn(
     })
 }
 
-/// How the inputs are scaled; those that are constant on the lines to train on are taken out of `at`, and returned.
+/// How the inputs are scaled; those that are constant on the lines to train on are taken out of `at`, and returned. The last
+/// are the rows of the lines that the scaling is made of, row-major.
 ///
 /// # Errors
 /// When every input is constant, or there are no components as `whiten` asks for.
@@ -258,7 +262,7 @@ pub fn scaling(
     lines: &[usize],
     at: &mut Vec<usize>,
     whiten: Option<f64>,
-) -> Result<(Inputs, Vec<usize>), Fault> {
+) -> Result<(Inputs, Vec<usize>, Vec<f64>), Fault> {
     let mut constant = vec![];
     let mut x = samples.columns(at, lines);
     let mut found = Inputs::standardised(&x, at.len());
@@ -277,7 +281,7 @@ pub fn scaling(
         Some(keep) => scaling.whitened(&x, keep).map_err(|e| fault(e).of_param("whiten"))?,
         None => scaling,
     };
-    Ok((scaling, constant))
+    Ok((scaling, constant, x))
 }
 
 /// How the linear terms are scaled for the training.
