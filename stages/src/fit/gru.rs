@@ -37,12 +37,8 @@ impl FitModel for Gru {
         faults
     }
 
-    fn idle(&self, key: &str) -> Option<Fault> {
-        self.network.idle(key)
-    }
-
-    fn begins_with_weights(&self) -> bool {
-        true
+    fn network(&self) -> Option<&Network> {
+        Some(&self.network)
     }
 }
 

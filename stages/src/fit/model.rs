@@ -7,6 +7,7 @@ use numerics::regression::least_squares::{LinearFit, Prepared};
 use schemas::{Fault, Kind, KindDoc, Own, ParamDoc, Reader, collect_doc};
 
 use super::{
+    network::Network,
     problem::Problem,
     samples::{PointWork, Samples},
     settings::{Choose, Divisor, MadeOf, Settings},
@@ -114,24 +115,25 @@ pub trait FitModel: Send + Sync {
         Err(Fault::bug("the model is declared as made of samples, and has no `learn`"))
     }
 
-    /// What is wrong with its keys and the settings among themselves.
-    fn faults(&self, _: &Settings) -> Vec<Fault> {
-        vec![]
-    }
-
-    /// Why one of its own keys has no say beside the others; `None` where it has.
-    fn idle(&self, _key: &str) -> Option<Fault> {
+    /// The keys of the network that it is. The training of a network can begin with the weights of another model,
+    /// `PointWork::start`, and networks of the same inputs share them, `PointWork::inputs`.
+    fn network(&self) -> Option<&Network> {
         None
     }
 
-    /// Whether its training can begin with the weights of another model, `PointWork::start`.
-    fn begins_with_weights(&self) -> bool {
-        false
+    /// What is wrong with its keys and the settings among themselves.
+    fn faults(&self, _: &Settings) -> Vec<Fault> {
+        self.network().map(Network::faults).unwrap_or_default()
+    }
+
+    /// Why one of its own keys has no say beside the others; `None` where it has.
+    fn idle(&self, key: &str) -> Option<Fault> {
+        self.network()?.idle(key)
     }
 
     /// How much work a sample is, in any unit of its own: see `Stage::effort` of the crate `schemas`.
     fn effort(&self) -> f64 {
-        1.0
+        self.network().map_or(1.0, Network::effort)
     }
 
     /// Columns that are explained together with the target.

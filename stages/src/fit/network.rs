@@ -8,5 +8,5 @@ mod window;
 
 pub use keys::Network;
 pub use linear_part::LinearPart;
-pub use training::{Beside, learn, scaling};
+pub use training::{Beside, NetworkInputs, learn, scaling};
 pub use window::{Window, WindowKeys};

@@ -4,7 +4,7 @@ use std::{borrow::Cow, ops::Range};
 
 use schemas::{Fault, Work};
 
-use super::point::places;
+use super::{network::NetworkInputs, point::places};
 use crate::trained::Learned;
 
 /// The rows of all lines of a fit.
@@ -128,6 +128,8 @@ pub struct PointWork<'a> {
     pub point: usize,
     /// The model that the training begins with, in place of a random one.
     pub start: Option<&'a Learned>,
+    /// The inputs that its network shares with those of other points.
+    pub inputs: Option<&'a Result<NetworkInputs, Fault>>,
 }
 
 impl PointWork<'_> {

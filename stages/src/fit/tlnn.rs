@@ -33,20 +33,8 @@ impl FitModel for TollesLawsonNetwork {
         learn(&self.network, &beside, samples, settings, work)
     }
 
-    fn effort(&self) -> f64 {
-        self.network.effort()
-    }
-
-    fn faults(&self, _: &Settings) -> Vec<Fault> {
-        self.network.faults()
-    }
-
-    fn idle(&self, key: &str) -> Option<Fault> {
-        self.network.idle(key)
-    }
-
-    fn begins_with_weights(&self) -> bool {
-        true
+    fn network(&self) -> Option<&Network> {
+        Some(&self.network)
     }
 }
 

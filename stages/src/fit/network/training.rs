@@ -42,18 +42,53 @@ pub struct Beside<'a> {
     pub window: Option<Window>,
 }
 
+/// The inputs of a network, which networks with the same keys share.
+pub struct NetworkInputs {
+    /// Their places among the features.
+    at: Vec<usize>,
+    /// The places of those that are constant on the lines to train on, which are none.
+    constant: Vec<usize>,
+    scaling: Inputs,
+    /// Scaled, of the lines to train on and of those to validate with, row-major.
+    train: Vec<f64>,
+    validate: Vec<f64>,
+}
+
+impl NetworkInputs {
+    /// Those of a network that begins at random.
+    ///
+    /// # Errors
+    /// When the keys name none, or every input is constant, or there are no components as `whiten` asks for.
+    pub fn of(keys: &Network, samples: &Samples, whiten: Option<f64>) -> Result<Self, Fault> {
+        let (train_on, validate_on) = samples.split(&keys.validation)?;
+        let mut at = samples.places(keys.inputs.as_ref()).map_err(|f| f.of_param("inputs"))?;
+        let (scaling, constant, x) = scaling(samples, &train_on, &mut at, whiten)?;
+        let validate = scaling.apply(&samples.columns(&at, &validate_on));
+        Ok(Self { train: scaling.apply(&x), validate, at, constant, scaling })
+    }
+
+    /// Those of a network that begins as another one.
+    fn warm(warm: &WarmStart, keys: &Network, samples: &Samples, whiten: Option<f64>) -> Result<Self, Fault> {
+        let (train_on, validate_on) = samples.split(&keys.validation)?;
+        let mut at = samples.places(keys.inputs.as_ref()).map_err(|f| f.of_param("inputs"))?;
+        let scaling = warm.scaling(samples, &mut at, whiten)?;
+        let of = |lines: &[usize]| scaling.apply(&samples.columns(&at, lines));
+        Ok(Self { train: of(&train_on), validate: of(&validate_on), constant: vec![], at, scaling })
+    }
+}
+
 /// The rows of some lines, scaled.
-struct Scaled {
-    x: Vec<f64>,
+struct Scaled<'a> {
+    x: &'a [f64],
     a: Vec<f64>,
     y: Vec<f64>,
     /// Rows of each run of samples that follow each other.
     runs: Vec<usize>,
 }
 
-impl Scaled {
+impl Scaled<'_> {
     fn samples(&self) -> learning::network::Samples<'_> {
-        learning::network::Samples { x: &self.x, a: &self.a, y: &self.y }
+        learning::network::Samples { x: self.x, a: &self.a, y: &self.y }
     }
 
     fn runs(&self) -> Runs<'_> {
@@ -92,10 +127,10 @@ impl Core {
         }
     }
 
-    fn predict(&self, parameters: &[f64], rows: &Scaled) -> Vec<f64> {
+    fn predict(&self, parameters: &[f64], rows: &Scaled<'_>) -> Vec<f64> {
         match self {
-            Core::Dense(shape) => shape.predict(parameters, &rows.x, &rows.a),
-            Core::Windowed(windowed) => windowed.predict(parameters, &rows.x, &rows.a, &rows.runs),
+            Core::Dense(shape) => shape.predict(parameters, rows.x, &rows.a),
+            Core::Windowed(windowed) => windowed.predict(parameters, rows.x, &rows.a, &rows.runs),
         }
     }
 
@@ -119,8 +154,8 @@ impl Core {
         &self,
         start: State,
         training: &Training,
-        rows: &Scaled,
-        validation: Option<&Scaled>,
+        rows: &Scaled<'_>,
+        validation: Option<&Scaled<'_>>,
         each: &mut dyn FnMut(&Epoch, &State) -> ControlFlow<()>,
     ) -> Result<Trained, TrainingError> {
         match self {
@@ -149,13 +184,17 @@ pub fn learn(
 ) -> Result<Learnt, Fault> {
     let (train_on, validate_on) = samples.split(&keys.validation)?;
     let warm = work.start.map(|model| WarmStart::of(model, beside.form)).transpose()?;
-    let mut at = samples.places(keys.inputs.as_ref()).map_err(|f| f.of_param("inputs"))?;
-    let (scaling, constant, columns) = match &warm {
-        Some(warm) => {
-            let scaling = warm.scaling(samples, &mut at, settings.whiten)?;
-            (scaling, vec![], samples.columns(&at, &train_on))
+    let own;
+    let NetworkInputs { at, constant, scaling, train, validate } = match (&warm, work.inputs) {
+        (None, Some(shared)) => shared.as_ref().map_err(Clone::clone)?,
+        (None, None) => {
+            own = NetworkInputs::of(keys, samples, settings.whiten)?;
+            &own
         }
-        None => scaling(samples, &train_on, &mut at, settings.whiten)?,
+        (Some(warm), _) => {
+            own = NetworkInputs::warm(warm, keys, samples, settings.whiten)?;
+            &own
+        }
     };
     let (linear_at, coefficients) = match beside.linear {
         Some(part) => {
@@ -174,8 +213,8 @@ pub fn learn(
     }
     let in_scale: Vec<f64> = coefficients.iter().map(|b| b / target.1).collect();
     let terms = term_scaling(samples, &train_on, &linear_at, &in_scale, beside.form, settings.whiten)?;
-    let scaled = |lines: &[usize], columns: Vec<f64>, (mean, scale): (f64, f64)| Scaled {
-        x: scaling.apply(&columns),
+    let scaled = |lines: &[usize], x, (mean, scale): (f64, f64)| Scaled {
+        x,
         a: terms.apply(samples.columns(&linear_at, lines)),
         y: samples.target(lines).iter().map(|y| (y - mean) / scale - terms.offset()).collect(),
         runs: samples.runs(lines),
@@ -202,7 +241,7 @@ pub fn learn(
             warm.check(keys, &core, samples)?;
             let members = warm.members(beside.form, &in_scale);
             let members: Vec<Vec<f64>> = members.iter().map(|m| core.scaled(&terms, m)).collect();
-            let mut rows = scaled(&train_on, columns, (0.0, target.1));
+            let mut rows = scaled(&train_on, train, (0.0, target.1));
             // The constant of another aircraft is not that of this one.
             let left = members.iter().flat_map(|m| {
                 let made = core.predict(m, &rows);
@@ -218,11 +257,11 @@ pub fn learn(
         }
         None => {
             let members = (0..keys.members).map(|member| core.initial(member_seed(keys, member), &tolles_lawson));
-            (members.collect(), scaled(&train_on, columns, target))
+            (members.collect(), scaled(&train_on, train, target))
         }
     };
-    let far = warm.as_ref().map(|warm| warm.far(samples, &at, &train_on)).unwrap_or_default();
-    let validation = scaled(&validate_on, samples.columns(&at, &validate_on), target);
+    let far = warm.as_ref().map(|warm| warm.far(samples, at, &train_on)).unwrap_or_default();
+    let validation = scaled(&validate_on, validate, target);
     let beginning = Beginning { members, linear: tolles_lawson };
     let training_rows = (&rows, &validation);
     let trained = train_members(keys, beside.physics, &core, &beginning, training_rows, target.1, work)?;
@@ -231,11 +270,12 @@ pub fn learn(
     let model = match core {
         Core::Dense(shape) => {
             let linear = names(&linear_at);
-            Learned::Network(trained::Network::new(names(&at), scaling, linear, shape, parameters, target)?)
+            Learned::Network(trained::Network::new(names(at), scaling.clone(), linear, shape, parameters, target)?)
         }
         Core::Windowed(windowed) => {
             let rate_hz = samples.rate_hz()?;
-            let network = trained::WindowedNetwork::new(names(&at), scaling, windowed, parameters, target, rate_hz)?;
+            let network =
+                trained::WindowedNetwork::new(names(at), scaling.clone(), windowed, parameters, target, rate_hz)?;
             Learned::Windowed(network)
         }
     };
@@ -244,7 +284,7 @@ pub fn learn(
         model,
         chosen: first.best as f64,
         curve: curve(&trained),
-        warning: [far, warning(keys, samples, &constant, &trained, !validate_on.is_empty())]
+        warning: [far, warning(keys, samples, constant, &trained, !validate_on.is_empty())]
             .into_iter()
             .filter(|said| !said.is_empty())
             .collect::<Vec<_>>()
@@ -337,7 +377,7 @@ fn train_members(
     physics: f64,
     core: &Core,
     beginning: &Beginning,
-    (rows, validation): (&Scaled, &Scaled),
+    (rows, validation): (&Scaled<'_>, &Scaled<'_>),
     scale_nt: f64,
     work: &PointWork,
 ) -> Result<Vec<Trained>, Fault> {
