@@ -6,6 +6,7 @@
 //! | [`thin`] | the measurements that are looked at |
 //! | [`likelihood`] | their likelihood given the path, and its derivatives |
 //! | [`search`] | the most probable path, and the kernel of the largest likelihood |
+//! | [`evidence`] | whether the measurements of two visits agree on it |
 //!
 //! # Equations
 //!
@@ -37,8 +38,9 @@
 //! J may have several optima. Three searches with half of the measurements look for the deepest: from the path of the filter
 //! (the mean of the particles' histories); from it with a kernel whose white part is large, which makes valleys wide, and is
 //! narrowed as the fit goes on; and from the INS, where it is exact at first, with the flight taken in part by part, so
-//! that each part is foreseen by those before. The best goes on with all measurements. What comes out is more probable than
-//! the path of the filter, or not taken.
+//! that each part is foreseen by those before. Where on the best the measurements of two visits contradict each other
+//! ([`evidence`]), four more searches take smaller parts in, or wider valleys. The best goes on with all measurements. What comes
+//! out is more probable than the path of the filter, or not taken.
 //!
 //! # Cost
 //!
@@ -46,6 +48,7 @@
 //! states take 5 kB and 16 bytes a function for each step. Some ten passes are made, and those of the starts are an eighth of
 //! that work each: 1000 measurements take about twenty seconds of a core.
 
+pub mod evidence;
 pub mod likelihood;
 pub mod motion;
 pub mod search;
@@ -61,6 +64,7 @@ use crate::navigation::ins_error::{ParameterError, require};
 use crate::navigation::output::Innovation;
 use crate::navigation::pinson::{LAT, LON, STATES};
 use crate::navigation::{NavigationError, NavigationOutput};
+use evidence::evidence;
 use likelihood::{Measured, Problem};
 use motion::{Functions, Motion};
 use params::Rule;
@@ -75,6 +79,12 @@ const START_M: f64 = 5.0;
 const WIDE: f64 = 0.3;
 /// The parts of the flight that a start takes in one after the other.
 const PARTS: usize = 10;
+/// The starts of every flight; the others are for one that these do not fit.
+const USUAL_STARTS: usize = 3;
+/// A [`SmootherReport::agreement`] below which a track is not plausible.
+pub const CONTRADICTED: f64 = 0.5;
+/// An agreement below which more starts are tried.
+const DOUBTFUL: f64 = 0.9;
 /// The fewest measurements that starts are compared by.
 const FEWEST: usize = 100;
 /// The longest length of a kernel that is fitted, in lengths of the path.
@@ -129,6 +139,8 @@ pub struct SmootherReport {
     pub kernel: Kernel,
     /// (z − μ)ᵀ C⁻¹ (z − μ) over the number of measurements: 1 where the noise is as large as told.
     pub misfit: f64,
+    /// See [`evidence::Evidence::agreement`]; below [`CONTRADICTED`] the track is lost.
+    pub agreement: f64,
     /// J at the end, but for a constant of the flight.
     pub cost: f64,
     /// What it is less than that of the path of the filter.
@@ -306,7 +318,8 @@ impl<'a> Known<'a> {
         problem_of(thin, self.motion, self.functions, self.of)
     }
 
-    /// The best of several starts, by their optima with half of the measurements.
+    /// The best of several starts, by their optima with half of the measurements. Where visits contradict each other on it, there
+    /// are more.
     fn best_start(&self, used: &[(Sample, [f64; 2])], thin: &[Displaced]) -> Option<Start> {
         if thin.len() < 2 || self.functions.count == 0 {
             return None;
@@ -314,43 +327,62 @@ impl<'a> Known<'a> {
         let all = self.problem(thin);
         let moved: Vec<[f64; 2]> = thin.iter().map(|(_, moved)| *moved).collect();
         let filtered = near(&all, self.prior, &moved)?;
-        let filtered_cost = Search::from(&all, self.prior, self.rules(&all), filtered.clone(), self.of.kernel)?.cost();
         let narrow = self.of.kernel;
+        let filtered_cost = Search::from(&all, self.prior, self.rules(&all), filtered.clone(), narrow)?.cost();
         let wide = Kernel { sigma_n_nt: narrow.sigma_n_nt.max(WIDE * narrow.sigma_se_nt), ..narrow };
-        let few = thinned(used, &narrow, thin.len().div_ceil(2).max(FEWEST));
-        let grown = self.grown(&few, narrow);
-        let few = self.problem(&few);
-        let mut best: Option<(f64, Start)> = None;
-        let of_filter = [(filtered.clone(), narrow), (filtered.clone(), wide)];
-        for (weights, kernel) in of_filter.into_iter().chain(grown.map(|weights| (weights, narrow))) {
-            let rules = self.rules(&few);
-            let Some(mut search) = Search::from(&few, self.prior, rules, weights, kernel) else { continue };
-            if !rules.fits && kernel != narrow {
-                // With the wide one first, and then with the given one.
-                if search.run().is_none() {
-                    continue;
-                }
-                let weights = search.weights;
-                match Search::from(&few, self.prior, rules, weights, narrow) {
-                    Some(again) => search = again,
-                    None => continue,
-                }
+        let measured = thinned(used, &narrow, thin.len().div_ceil(2).max(FEWEST));
+        let few = self.problem(&measured);
+        let grown = |parts: usize, kernel: Kernel| Some((self.grown(&measured, parts, kernel)?, narrow));
+        let starts: [&dyn Fn() -> Option<(Vec<f64>, Kernel)>; 7] = [
+            &|| Some((filtered.clone(), narrow)),
+            &|| Some((filtered.clone(), wide)),
+            &|| grown(PARTS, narrow),
+            &|| grown(2 * PARTS, narrow),
+            &|| grown(4 * PARTS, narrow),
+            &|| grown(PARTS, wide),
+            &|| grown(2 * PARTS, wide),
+        ];
+        let mut best: Option<(Search<'_>, f64)> = None;
+        for (place, start) in starts.into_iter().enumerate() {
+            let doubtful = |(_, agreement): &(Search<'_>, f64)| *agreement < DOUBTFUL;
+            if place >= USUAL_STARTS && !best.as_ref().is_none_or(doubtful) {
+                break;
             }
-            let ran = search.run();
-            let cost = search.cost();
-            if ran.is_some() && best.as_ref().is_none_or(|(least, _)| cost < *least) {
-                best = Some((cost, Start { weights: search.weights, kernel: search.kernel, filtered_cost }));
+            let Some((weights, kernel)) = start() else { continue };
+            let Some(search) = self.settled(&few, weights, kernel) else { continue };
+            if best.as_ref().is_none_or(|(best, _)| search.cost() < best.cost()) {
+                let agreement = self.agreement(&few, &search);
+                best = Some((search, agreement));
             }
         }
-        Some(best.map_or(Start { weights: filtered, kernel: narrow, filtered_cost }, |(_, start)| start))
+        let found = best.map(|(best, _)| Start { weights: best.weights, kernel: best.kernel, filtered_cost });
+        Some(found.unwrap_or(Start { weights: filtered, kernel: narrow, filtered_cost }))
+    }
+
+    /// The search from a start on at its optimum. Where the kernel is not fitted, another one than the given one is only that of
+    /// a first search.
+    fn settled<'p>(&'p self, problem: &'p Problem, weights: Vec<f64>, kernel: Kernel) -> Option<Search<'p>> {
+        let rules = self.rules(problem);
+        let mut search = Search::from(problem, self.prior, rules, weights, kernel)?;
+        if !rules.fits && kernel != self.of.kernel {
+            search.run()?;
+            search = Search::from(problem, self.prior, rules, search.weights, self.of.kernel)?;
+        }
+        search.run()?;
+        Some(search)
+    }
+
+    /// See [`evidence::Evidence::agreement`].
+    fn agreement(&self, problem: &Problem, search: &Search<'_>) -> f64 {
+        evidence(problem, self.prior, self.rules(problem), search).map_or(f64::NAN, |found| found.agreement())
     }
 
     /// The weights that a search finds whose measurements begin with those of the first part of the flight, and take the next
     /// part in when these are settled: the most probable weights given the first part foresee the path of the next.
-    fn grown(&self, measured: &[Displaced], kernel: Kernel) -> Option<Vec<f64>> {
+    fn grown(&self, measured: &[Displaced], parts: usize, kernel: Kernel) -> Option<Vec<f64>> {
         let mut weights = solved(&self.prior.information, &self.prior.force)?;
-        for part in 1..=PARTS {
-            let known = (measured.len() * part).div_ceil(PARTS);
+        for part in 1..=parts {
+            let known = (measured.len() * part).div_ceil(parts);
             let problem = self.problem(measured.get(..known)?);
             let rules = Rules { fits: false, ..self.rules(&problem) };
             let mut search = Search::from(&problem, self.prior, rules, weights, kernel)?;
@@ -395,6 +427,7 @@ impl<'a> Known<'a> {
                 last_step_m: search.last_step_m,
                 kernel: search.kernel,
                 misfit: search.misfit(),
+                agreement: self.agreement(&problem, &search),
                 cost: search.cost(),
                 fall,
             };

@@ -117,6 +117,11 @@ impl Factored {
         (inverse, (0..self.residual_nt.len()).map(|i| solved[(i, 0)]).collect())
     }
 
+    /// Half of the logarithm of |C|.
+    pub fn logarithm(&self) -> f64 {
+        self.cost - 0.5 * self.square
+    }
+
     /// Each measurement less what all others let expect, squared over its variance.
     pub fn left_out(&self) -> Vec<f64> {
         let (inverse, alpha) = self.inverse();

@@ -87,6 +87,11 @@ impl<'a> Search<'a> {
         self.factored.cost + self.prior.cost(&self.weights)
     }
 
+    /// Minus the logarithm of the likelihood of the measurements but for a constant.
+    pub fn likelihood_cost(&self) -> f64 {
+        self.factored.cost
+    }
+
     /// What the model leaves of the measurements, squared over its variance, a measurement.
     pub fn misfit(&self) -> f64 {
         self.factored.square / self.problem.measured.len() as f64
@@ -95,6 +100,14 @@ impl<'a> Search<'a> {
     /// See [`Factored::left_out`].
     pub fn left_out(&self) -> Vec<f64> {
         self.factored.left_out()
+    }
+
+    /// The most probable kernel for the path as it is, where it is fitted.
+    pub fn settle_kernel(&mut self) {
+        let mut passes = if self.rules.fits { self.rules.passes } else { 0 };
+        while passes > 0 && !self.fit() {
+            passes -= 1;
+        }
     }
 
     /// Passes until path and kernel stand still.

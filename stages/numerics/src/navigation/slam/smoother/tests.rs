@@ -1,11 +1,11 @@
 use super::likelihood::Factored;
 use super::*;
-use crate::navigation::ins_error::simulate_ins_error;
+use crate::navigation::ins_error::{InsGrade, simulate_ins_error};
 use crate::navigation::ins_only;
 use crate::navigation::pinson::{VE, VN};
 use crate::navigation::position_fixes::PositionFixes;
 use crate::navigation::slam::samples::step_ends;
-use crate::navigation::slam::tests::flights::{Flight, M_PER_DEG, ROUGH_DEG, loiter, straight};
+use crate::navigation::slam::tests::flights::{Flight, M_PER_DEG, ROUGH_DEG, loiter, straight, waves};
 use crate::navigation::slam::{Covariance, HyperparameterSource, SlamParameters, run};
 use crate::random::Normals;
 
@@ -299,6 +299,21 @@ fn law_loiters_are_held_to_metres_and_it_is_as_sure_as_it_may_be() {
     assert!(smoother < 0.1 * filter, "{filter} {smoother}");
     // 1 is consistent; errors last, so that a flight is worth a few independent ones.
     assert!((0.2..3.0).contains(&nees), "{nees}");
+}
+
+/// A field that is another one after half of the flight: no path has the visits agree.
+#[test]
+fn law_visits_that_contradict_each_other_are_evidence_against_the_track() {
+    let flight = |field: u64| {
+        Flight::over(loiter(ROUGH_DEG, 600, 1.0), InsGrade::Tactical.model(), 5, &waves(60.0, 400.0, field))
+    };
+    let (agreeing, other) = (flight(1), flight(2));
+    let mut contradicting = flight(1);
+    contradicting.measured_nt[300..].copy_from_slice(&other.measured_nt[300..]);
+    let report = |flight: &Flight| smoothed(flight, &parameters(100, 300)).report.smoother.unwrap();
+    let (right, wrong) = (report(&agreeing), report(&contradicting));
+    println!("{right:?}\n{wrong:?}");
+    assert!(right.agreement > 0.6 && wrong.agreement < CONTRADICTED, "{} {}", right.agreement, wrong.agreement);
 }
 
 #[test]

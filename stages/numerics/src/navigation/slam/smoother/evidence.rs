@@ -1,0 +1,87 @@
+//! Whether the measurements of two visits agree: the test of a track.
+//!
+//! On a track that is lost the visits contradict each other. The likelihood then prefers a kernel with a large white part, with
+//! which all fits again, so that neither misfit nor covariance shows it. It shows beside the flight drawn out to a straight line,
+//! which visits nothing twice,
+//!
+//! ```text
+//! E = log p(z | path) − log p(z | the path drawn out)
+//! ```
+//!
+//! each with its own most probable kernel, where that is fitted. Noise of the size expected makes E about
+//!
+//! ```text
+//! D = (log |C drawn out| − log |C|)/2
+//! ```
+//!
+//! with the kernel of the path drawn out, which no track can spoil: what the visits tell of each other.
+
+use super::likelihood::{Measured, Problem};
+use super::search::{Prior, Rules, Search};
+
+/// What revisits tell of a track.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Evidence {
+    /// E.
+    pub found: f64,
+    /// D.
+    pub expected: f64,
+}
+
+impl Evidence {
+    /// E over D: 1 where two visits differ by no more than noise and the field's roughness let expect, 0 where they have nothing to do
+    /// with each other. NaN where visits tell next to nothing, with a D below 5 (a factor of 150 in probability), as without any.
+    pub fn agreement(&self) -> f64 {
+        if self.expected >= LEAST { self.found / self.expected } else { f64::NAN }
+    }
+}
+
+/// The least D that is compared with.
+const LEAST: f64 = 5.0;
+
+/// The evidence of a search at its optimum; `None` where the covariance is not positive.
+pub fn evidence(problem: &Problem, prior: &Prior, rules: Rules, search: &Search<'_>) -> Option<Evidence> {
+    let out = drawn_out(problem, &search.weights);
+    let mut alone = Search::from(&out, prior, rules, search.weights.clone(), search.kernel)?;
+    alone.settle_kernel();
+    let both = [&out, problem].map(|of| Some(of.factored(&alone.kernel, &search.weights)?.logarithm()));
+    let [Some(apart), Some(together)] = both else { return None };
+    Some(Evidence { found: alone.likelihood_cost() - search.likelihood_cost(), expected: apart - together })
+}
+
+/// The problem whose path is as long and straight.
+fn drawn_out(problem: &Problem, weights: &[f64]) -> Problem {
+    let mut along_m = 0.0;
+    let mut before = None::<[f64; 2]>;
+    let mut measured = vec![];
+    for (of, moved_m) in problem.measured.iter().zip(problem.displacements_m(weights)) {
+        let at_m = [0, 1].map(|axis: usize| of.at_m[axis] + moved_m[axis]);
+        let from_m = before.replace(at_m).unwrap_or(at_m);
+        along_m += (at_m[0] - from_m[0]).hypot(at_m[1] - from_m[1]);
+        measured.push(Measured { at_m: [along_m - moved_m[0], -moved_m[1]], ..*of });
+    }
+    Problem { measured, functions: problem.functions.clone(), ..*problem }
+}
+
+#[cfg(test)]
+mod tests {
+    use faer::Mat;
+
+    use super::*;
+
+    #[test]
+    fn unit_a_path_drawn_out_has_the_same_steps() {
+        let at = [[0.0, 0.0], [30.0, 40.0], [0.0, 0.0]];
+        let measured =
+            at.map(|at_m| Measured { tt_s: 0.0, at_m, value_nt: 1.0, variance_nt2: 1.0, core_nt_per_m: [0.1, 0.2] });
+        // One function that moves the second position by 30 m back north.
+        let functions = Mat::from_fn(6, 1, |row, _| if row == 2 { -30.0 } else { 0.0 });
+        let (measured, temporal) = (measured.to_vec(), (0.0, 1.0));
+        let problem = Problem { measured, functions, temporal, mean_nt2: 1.0, centre_nt: 0.0 };
+        let out = drawn_out(&problem, &[1.0]);
+        let moved = out.displacements_m(&[1.0]);
+        let found: Vec<[f64; 2]> =
+            (0..3).map(|i| [0, 1].map(|k: usize| out.measured[i].at_m[k] + moved[i][k])).collect();
+        assert_eq!(found, [[0.0, 0.0], [40.0, 0.0], [80.0, 0.0]]);
+    }
+}
