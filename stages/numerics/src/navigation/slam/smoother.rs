@@ -6,7 +6,7 @@
 //! | [`thin`] | the measurements that are looked at |
 //! | [`likelihood`] | their likelihood given the path, and its derivatives |
 //! | [`search`] | the most probable path, and the kernel of the largest likelihood |
-//! | [`evidence`] | whether the measurements of two visits agree on it |
+//! | [`evidence`](mod@evidence) | whether the measurements of two visits agree on it |
 //!
 //! # Equations
 //!
@@ -39,7 +39,7 @@
 //! (the mean of the particles' histories); from it with a kernel whose white part is large, which makes valleys wide, and is
 //! narrowed as the fit goes on; and from the INS, where it is exact at first, with the flight taken in part by part, so
 //! that each part is foreseen by those before. Where on the best the measurements of two visits contradict each other
-//! ([`evidence`]), four more searches take smaller parts in, or wider valleys. The best goes on with all measurements. What comes
+//! ([`evidence`](mod@evidence)), four more searches take smaller parts in, or wider valleys. The best goes on with all measurements. What comes
 //! out is more probable than the path of the filter, or not taken.
 //!
 //! # Cost
