@@ -285,7 +285,10 @@ impl Smoothed {
 /// A measurement with what the filter has its displacement at, in m.
 type Displaced = (Measured, [f64; 2]);
 
-/// Where a search begins.
+/// Weights and kernel that a search begins with.
+type Beginning = (Vec<f64>, Kernel);
+
+/// Where the search with all measurements begins.
 struct Start {
     weights: Vec<f64>,
     kernel: Kernel,
@@ -332,8 +335,10 @@ impl<'a> Known<'a> {
         let wide = Kernel { sigma_n_nt: narrow.sigma_n_nt.max(WIDE * narrow.sigma_se_nt), ..narrow };
         let measured = thinned(used, &narrow, thin.len().div_ceil(2).max(FEWEST));
         let few = self.problem(&measured);
-        let grown = |parts: usize, kernel: Kernel| Some((self.grown(&measured, parts, kernel)?, narrow));
-        let starts: [&dyn Fn() -> Option<(Vec<f64>, Kernel)>; 7] = [
+        let grown = |parts: usize, kernel: Kernel| -> Option<Beginning> {
+            Some((self.grown(&measured, parts, kernel)?, narrow))
+        };
+        let starts: [&dyn Fn() -> Option<Beginning>; 7] = [
             &|| Some((filtered.clone(), narrow)),
             &|| Some((filtered.clone(), wide)),
             &|| grown(PARTS, narrow),
