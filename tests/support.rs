@@ -20,6 +20,7 @@ pub struct Bench {
 }
 
 /// What a run did, from its last JSON event.
+#[derive(Debug)]
 pub struct Done {
     pub code: i32,
     pub last: Value,

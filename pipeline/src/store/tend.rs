@@ -104,6 +104,12 @@ pub(super) fn is_old(path: &Path, than: Duration) -> bool {
     written.is_ok_and(|t| SystemTime::now().duration_since(t).is_ok_and(|age| age >= than))
 }
 
+/// What `gc` ends with where the list of a newest version, which tables are read from, is damaged: any pack may be one of its own.
+pub(super) fn packs_unknown(list: &dyn std::fmt::Display, remedy: &str) -> Fault {
+    let help = format!("{remedy}: its tables are published again, and `gc` then knows what they need");
+    Fault::machine(format!("{list} is damaged: its packs are not known")).help(help)
+}
+
 /// Drops versions that are not the newest, and packs that no version references.
 ///
 /// A concurrent run may reference any pack, so packs are kept then.
@@ -135,10 +141,7 @@ pub fn collect(store: &Store, what: Collect) -> Result<Collected, Fault> {
                     Some(version) => live.extend(version.manifest.packs),
                     None if now.as_deref() == Some(&folder) => {
                         let list = folder.join("version.json");
-                        let what = format!("{} is damaged: its packs are not known", list.display());
-                        return Err(Fault::machine(what).help(
-                            "run the spec again: its tables are published again, and `gc` then knows what they need",
-                        ));
+                        return Err(packs_unknown(&list.display(), "run the spec again"));
                     }
                     // No table is read from it.
                     None => {}

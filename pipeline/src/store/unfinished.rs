@@ -8,7 +8,10 @@ use std::{
     fs::{self, File, TryLockError},
     io,
     path::{Path, PathBuf},
-    sync::OnceLock,
+    sync::{
+        OnceLock,
+        atomic::{AtomicU32, Ordering},
+    },
     time::Duration,
 };
 
@@ -48,7 +51,10 @@ pub fn keep_lock(lock: &File, shared: bool) -> io::Result<()> {
 /// # Errors
 /// Fails when the file system refuses.
 pub fn own_folder(tmp: &Path) -> io::Result<(PathBuf, File)> {
-    for n in 0..1000u32 {
+    // No name is used twice: who sweeps the folder that had it would take the next one for it.
+    static NEXT: AtomicU32 = AtomicU32::new(0);
+    for _ in 0..1000 {
+        let n = NEXT.fetch_add(1, Ordering::Relaxed);
         let folder = tmp.join(format!("{}-{}-{n}", kernel(), std::process::id()));
         match fs::create_dir(&folder) {
             Ok(()) => {
@@ -72,7 +78,8 @@ pub fn sweep(tmp: &Path) {
     for folder in fs::read_dir(tmp).into_iter().flatten().flatten() {
         let path = folder.path();
         let own = folder.file_name().to_str().is_some_and(|name| is_of(name, kernel()));
-        let ended = match File::open(path.join("lock")).map(|lock| lock.try_lock()) {
+        let lock = File::open(path.join("lock"));
+        let ended = match lock.as_ref().map(File::try_lock) {
             Ok(Ok(())) => own,
             Ok(Err(TryLockError::WouldBlock)) => continue,
             Ok(Err(TryLockError::Error(_))) => false,
@@ -86,6 +93,8 @@ pub fn sweep(tmp: &Path) {
         if ended || is_old(&path, ABANDONED) {
             remove(&path);
         }
+        // Held until here: a process that has just made this folder, and waits for its lock, must not find it before it is gone.
+        drop(lock);
     }
 }
 
@@ -112,9 +121,36 @@ fn is_of(name: &str, kernel: &str) -> bool {
 mod tests {
     #![allow(clippy::unwrap_used)]
 
-    use std::time::SystemTime;
+    use std::{sync::atomic::AtomicBool, thread, time::SystemTime};
 
     use super::*;
+
+    #[test]
+    fn law_a_folder_that_was_handed_out_is_never_swept() {
+        let tmp = tempfile::tempdir().unwrap();
+        let ended = AtomicBool::new(false);
+        thread::scope(|scope| {
+            for _ in 0..2 {
+                scope.spawn(|| {
+                    while !ended.load(Ordering::Relaxed) {
+                        sweep(tmp.path());
+                    }
+                });
+            }
+            for _ in 0..400 {
+                let (folder, lock) = own_folder(tmp.path()).unwrap();
+                thread::yield_now();
+                let kept = fs::write(folder.join("0"), "half a file").is_ok();
+                if !kept {
+                    ended.store(true, Ordering::Relaxed);
+                }
+                assert!(kept, "it was swept away");
+                drop(lock);
+                remove(&folder);
+            }
+            ended.store(true, Ordering::Relaxed);
+        });
+    }
 
     #[test]
     fn unit_only_folders_of_ended_processes_of_this_kernel_and_abandoned_ones_are_swept() {

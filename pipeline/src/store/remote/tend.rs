@@ -12,7 +12,7 @@ use super::{
     super::{
         Store, attempts, catalogue,
         sealed::{Trouble, verify},
-        tend::{Collect, Collected, Scrubbed},
+        tend::{Collect, Collected, Scrubbed, packs_unknown},
     },
     Remote,
 };
@@ -66,11 +66,9 @@ impl Remote {
                     match self.manifest(&name, number)? {
                         Some(manifest) => live.extend(manifest.packs),
                         None if now == Some(number) => {
-                            let key = format!("versions/{name}/{number}/version.json");
-                            let what = format!("{}/{key} is damaged: its packs are not known", self.bucket.address());
-                            return Err(Fault::machine(what).help(format!(
-                                "remove the object tables/{name}, and run the spec again: its tables are published again"
-                            )));
+                            let list = format!("{}/versions/{name}/{number}/version.json", self.bucket.address());
+                            let remedy = format!("remove the object tables/{name}, and run the spec again");
+                            return Err(packs_unknown(&list, &remedy));
                         }
                         // It was never published.
                         None => {}
