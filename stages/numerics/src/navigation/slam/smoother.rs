@@ -356,7 +356,7 @@ impl<'a> Known<'a> {
             let Some((weights, kernel)) = start() else { continue };
             let Some(search) = self.settled(&few, weights, kernel) else { continue };
             if best.as_ref().is_none_or(|(best, _)| search.cost() < best.cost()) {
-                let agreement = self.agreement(&few, &search);
+                let agreement = self.agreement(&few, &search).unwrap_or(0.0);
                 best = Some((search, agreement));
             }
         }
@@ -377,9 +377,9 @@ impl<'a> Known<'a> {
         Some(search)
     }
 
-    /// See [`evidence::Evidence::agreement`].
-    fn agreement(&self, problem: &Problem, search: &Search<'_>) -> f64 {
-        evidence(problem, self.prior, self.rules(problem), search).map_or(f64::NAN, |found| found.agreement())
+    /// See [`evidence::Evidence::agreement`]; `None` where a covariance is not positive.
+    fn agreement(&self, problem: &Problem, search: &Search<'_>) -> Option<f64> {
+        Some(evidence(problem, self.prior, self.rules(problem), search)?.agreement())
     }
 
     /// The weights that a search finds whose measurements begin with those of the first part of the flight, and take the next
@@ -397,7 +397,8 @@ impl<'a> Known<'a> {
         Some(weights)
     }
 
-    /// The optimum from a start on, with the factor of its covariance; `None` where J stays above that of the path of the filter.
+    /// The optimum from a start on, with the factor of its covariance; `None` where J stays above that of the path of the filter,
+    /// and where a covariance is not positive.
     fn searched(&self, mut thin: Vec<Displaced>, start: Start) -> Option<(Vec<f64>, Mat<f64>, SmootherReport)> {
         let Start { mut weights, mut kernel, filtered_cost } = start;
         let mut may_gate = self.of.gate_nis;
@@ -432,7 +433,7 @@ impl<'a> Known<'a> {
                 last_step_m: search.last_step_m,
                 kernel: search.kernel,
                 misfit: search.misfit(),
-                agreement: self.agreement(&problem, &search),
+                agreement: self.agreement(&problem, &search)?,
                 cost: search.cost(),
                 fall,
             };
