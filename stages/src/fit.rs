@@ -6,6 +6,7 @@ mod elastic_net;
 mod etlnn;
 mod extended_tolles_lawson;
 mod gru;
+mod learning;
 mod lstm;
 mod m1;
 mod m2a;
@@ -39,18 +40,16 @@ mod wide;
 use std::{collections::BTreeMap, sync::Arc};
 
 use arrow_array::{ArrayRef, Int64Array, RecordBatch, StringArray};
-use network::NetworkInputs;
 use point::Point;
 use question::{Matrix, Question, Targets};
 use rayon::prelude::*;
 use residual::residual_noise;
 use rows::Part;
-use samples::PointWork;
 use schemas::{
     Chosen, Column, ColumnType, Entry, Fault, Gather, LineIn, Lists, Passes, Product, Role, Rule, Shape, Stage,
     SurveyPoint, SurveyStage, Table, Work, Yield, stage,
 };
-use solve::{Row, Solved, solve, solve_learning};
+use solve::{Row, Solved, solve};
 use wide::EARTH;
 
 pub use model::{Answer, FitModel, Learnt, Model, model};
@@ -421,62 +420,6 @@ impl FitGather {
         }
         places.iter().map(|i| solve(&mut problem, &self.points[*i])).collect()
     }
-}
-
-impl FitGather {
-    /// The models that learn of the points at `places`, which have one matrix, one target and the same entries.
-    fn learnt(
-        &self,
-        problem: &Result<Problem, Fault>,
-        places: &[usize],
-        work: &dyn Work,
-    ) -> Vec<Result<Solved, Fault>> {
-        let mut groups: BTreeMap<InputsKey<'_>, Vec<usize>> = BTreeMap::new();
-        for &place in places {
-            groups.entry(self.inputs_key(place)).or_default().push(place);
-        }
-        let of_group = |group: Vec<usize>| -> Vec<(usize, Result<Solved, Fault>)> {
-            let shared = problem.as_ref().ok().and_then(|problem| self.shared_inputs(problem, &group));
-            let learn = |&i: &usize| {
-                let problem = problem.as_ref().map_err(Clone::clone)?;
-                let start = self.starts[i].as_ref().map_err(Clone::clone)?.as_ref();
-                let inputs = shared.as_ref();
-                solve_learning(problem, &self.points[i], &PointWork { work, point: i, start, inputs })
-            };
-            group.par_iter().with_max_len(1).map(|i| (*i, learn(i))).collect()
-        };
-        // Not all at once: the inputs of a group are as large as the samples.
-        let groups: Vec<Vec<usize>> = groups.into_values().collect();
-        let answers = groups.into_par_iter().with_max_len(1).flat_map_iter(of_group);
-        let mut answers: BTreeMap<usize, Result<Solved, Fault>> = answers.collect();
-        let lost = || Err(Fault::bug("a training was lost"));
-        places.iter().map(|place| answers.remove(place).unwrap_or_else(lost)).collect()
-    }
-
-    fn inputs_key(&self, place: usize) -> InputsKey<'_> {
-        let point = &self.points[place];
-        let network = point.model.network().filter(|_| matches!(self.starts[place], Ok(None)));
-        InputsKey {
-            network: network.map(|network| (network.inputs.as_deref(), network.validation.as_slice())),
-            whiten: point.settings.whiten.map(f64::to_bits),
-        }
-    }
-
-    /// The inputs that several networks share.
-    fn shared_inputs(&self, problem: &Problem, group: &[usize]) -> Option<Result<NetworkInputs, Fault>> {
-        let first = &self.points[*group.first().filter(|_| group.len() > 1)?];
-        let network = first.model.network().filter(|_| self.inputs_key(group[0]).network.is_some())?;
-        Some(NetworkInputs::of(network, &problem.samples(), first.settings.whiten))
-    }
-}
-
-/// What the inputs of a network depend on beside the samples.
-#[derive(PartialEq, Eq, PartialOrd, Ord)]
-struct InputsKey<'a> {
-    /// The keys `inputs` and `validation`; none of another model, and of a network that begins as another one, which brings
-    /// their scales along.
-    network: Option<(Option<&'a [String]>, &'a [String])>,
-    whiten: Option<u64>,
 }
 
 impl Gather for FitGather {

@@ -57,6 +57,7 @@ mod recurrent;
 mod shape;
 mod state;
 mod terms;
+mod together;
 mod training;
 mod windowed;
 
@@ -68,14 +69,15 @@ pub use onnx::{OnnxError, Scales};
 pub use shape::{Form, Shape};
 pub use state::{State, StateError};
 pub use terms::TermScaling;
-pub use training::{
-    Epoch, Optimiser, Samples, Schedule, SparseGroupLasso, Trained, Training, TrainingError, train, train_windowed,
-};
+pub use together::{Each, Job, train, train_together, train_windowed};
+pub use training::{Epoch, Optimiser, Samples, Schedule, SparseGroupLasso, Trained, Training, TrainingError};
 pub use windowed::{Memory, Runs, Windowed};
 
 #[cfg(test)]
 mod onnx_tests;
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod together_tests;
 #[cfg(test)]
 mod windowed_tests;

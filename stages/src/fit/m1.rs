@@ -1,13 +1,10 @@
 //! A network alone.
 
 use learning::network::Form;
-use schemas::Fault;
 
 use super::{
-    model::{FitModel, Learnt, model},
-    network::{Beside, Network, learn},
-    samples::{PointWork, Samples},
-    settings::Settings,
+    model::{FitModel, model},
+    network::{Network, NetworkModel},
 };
 
 model! {
@@ -20,14 +17,8 @@ model! {
 }
 
 impl FitModel for M1 {
-    fn learn(&self, samples: &Samples, settings: &Settings, work: &PointWork) -> Result<Learnt, Fault> {
-        let beside =
-            Beside { form: Form::Plain, hidden: &[8], linear: None, all_features: false, physics: 0.0, window: None };
-        learn(&self.network, &beside, samples, settings, work)
-    }
-
-    fn network(&self) -> Option<&Network> {
-        Some(&self.network)
+    fn network(&self) -> Option<NetworkModel<'_>> {
+        Some(NetworkModel::of(&self.network, Form::Plain))
     }
 }
 

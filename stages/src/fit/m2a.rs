@@ -1,13 +1,11 @@
 //! A network of coefficients.
 
 use learning::network::Form;
-use schemas::{Fault, Rule};
+use schemas::Rule;
 
 use super::{
-    model::{FitModel, Learnt, model},
-    network::{Beside, LinearPart, Network, learn},
-    samples::{PointWork, Samples},
-    settings::Settings,
+    model::{FitModel, model},
+    network::{LinearPart, Network, NetworkModel},
 };
 
 model! {
@@ -23,21 +21,12 @@ model! {
 }
 
 impl FitModel for M2a {
-    fn learn(&self, samples: &Samples, settings: &Settings, work: &PointWork) -> Result<Learnt, Fault> {
-        let part = Some(&self.part);
-        let beside = Beside {
-            form: Form::Weights,
-            hidden: &[8],
-            linear: part,
-            all_features: false,
+    fn network(&self) -> Option<NetworkModel<'_>> {
+        Some(NetworkModel {
+            linear: Some(&self.part),
             physics: self.physics,
-            window: None,
-        };
-        learn(&self.network, &beside, samples, settings, work)
-    }
-
-    fn network(&self) -> Option<&Network> {
-        Some(&self.network)
+            ..NetworkModel::of(&self.network, Form::Weights)
+        })
     }
 }
 

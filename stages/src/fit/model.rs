@@ -7,7 +7,7 @@ use numerics::regression::least_squares::{LinearFit, Prepared};
 use schemas::{Fault, Kind, KindDoc, Own, ParamDoc, Reader, collect_doc};
 
 use super::{
-    network::Network,
+    network::NetworkModel,
     problem::Problem,
     samples::{PointWork, Samples},
     settings::{Choose, Divisor, MadeOf, Settings},
@@ -107,7 +107,7 @@ pub trait FitModel: Send + Sync {
         Err(Fault::bug("the model is declared as linear, and has no `fit`"))
     }
 
-    /// Fits a model that is made of `Samples`, in place of [`FitModel::fit`].
+    /// Fits a model that is made of `Samples` and no network, in place of [`FitModel::fit`].
     ///
     /// # Errors
     /// When the data do not determine it, or the run is interrupted.
@@ -115,25 +115,24 @@ pub trait FitModel: Send + Sync {
         Err(Fault::bug("the model is declared as made of samples, and has no `learn`"))
     }
 
-    /// The keys of the network that it is. The training of a network can begin with the weights of another model,
-    /// `PointWork::start`, and networks of the same inputs share them, `PointWork::inputs`.
-    fn network(&self) -> Option<&Network> {
+    /// The network that it is, which is trained in place of [`FitModel::learn`].
+    fn network(&self) -> Option<NetworkModel<'_>> {
         None
     }
 
     /// What is wrong with its keys and the settings among themselves.
     fn faults(&self, _: &Settings) -> Vec<Fault> {
-        self.network().map(Network::faults).unwrap_or_default()
+        self.network().map(|network| network.faults()).unwrap_or_default()
     }
 
     /// Why one of its own keys has no say beside the others; `None` where it has.
     fn idle(&self, key: &str) -> Option<Fault> {
-        self.network()?.idle(key)
+        self.network()?.keys.idle(key)
     }
 
     /// How much work a sample is, in any unit of its own: see `Stage::effort` of the crate `schemas`.
     fn effort(&self) -> f64 {
-        self.network().map_or(1.0, Network::effort)
+        self.network().map_or(1.0, |network| network.effort())
     }
 
     /// Columns that are explained together with the target.

@@ -1,12 +1,19 @@
 //! What the models that are networks have in common: their keys, the linear model beside the network, the training.
 
+mod core;
+mod inputs;
 mod keys;
 mod linear_part;
+mod model;
+mod prepared;
 mod training;
 mod warm_start;
 mod window;
 
+pub use inputs::{NetworkInputs, SharedInputs, scaling};
 pub use keys::Network;
 pub use linear_part::LinearPart;
-pub use training::{Beside, NetworkInputs, learn, scaling};
+pub use model::NetworkModel;
+pub use prepared::Task;
+pub use training::learn_together;
 pub use window::{Window, WindowKeys};

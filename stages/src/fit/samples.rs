@@ -4,8 +4,7 @@ use std::{borrow::Cow, ops::Range};
 
 use schemas::{Fault, Work};
 
-use super::{network::NetworkInputs, point::places};
-use crate::trained::Learned;
+use super::point::places;
 
 /// The rows of all lines of a fit.
 pub struct Samples<'a> {
@@ -126,10 +125,6 @@ pub struct PointWork<'a> {
     pub work: &'a dyn Work,
     /// The point's place among them.
     pub point: usize,
-    /// The model that the training begins with, in place of a random one.
-    pub start: Option<&'a Learned>,
-    /// The inputs that its network shares with those of other points.
-    pub inputs: Option<&'a Result<NetworkInputs, Fault>>,
 }
 
 impl PointWork<'_> {

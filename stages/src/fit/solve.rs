@@ -13,7 +13,7 @@ use super::{
     model::Learnt,
     point::Point,
     problem::Problem,
-    samples::{LineSamples, PointWork, Samples},
+    samples::{LineSamples, Samples},
     settings::Choose,
 };
 use crate::{
@@ -110,14 +110,13 @@ fn too_short(unused: &str) -> Option<String> {
     (!unused.is_empty()).then(|| format!("too short for filter and trim, so not used: {unused}"))
 }
 
-/// The model of one point that learns.
+/// A model that was made of samples, with what it leaves of them.
 ///
 /// # Errors
-/// As [`FitModel::learn`](super::FitModel::learn), and when the model predicts what is not finite.
-pub fn solve_learning(problem: &Problem, point: &Point, work: &PointWork) -> Result<Solved, Fault> {
-    let samples = problem.samples();
-    let Learnt { model, chosen, curve, warning } = point.model.learn(&samples, &point.settings, work)?;
-    let left = samples.lines.iter().map(|line| residual(&samples, line, &model)).collect::<Result<Vec<_>, Fault>>()?;
+/// When the model predicts what is not finite.
+pub fn solved(problem: &Problem, samples: &Samples, learnt: Learnt) -> Result<Solved, Fault> {
+    let Learnt { model, chosen, curve, warning } = learnt;
+    let left = samples.lines.iter().map(|line| residual(samples, line, &model)).collect::<Result<Vec<_>, Fault>>()?;
     let all: Vec<f64> = left.iter().flatten().copied().collect();
     if all.iter().any(|x| !x.is_finite()) {
         return Err(

@@ -1,13 +1,10 @@
 //! Causal convolutions over a window, before a network.
 
 use learning::network::{Form, Memory};
-use schemas::Fault;
 
 use super::{
-    model::{FitModel, Learnt, model},
-    network::{Beside, Network, WindowKeys, learn},
-    samples::{PointWork, Samples},
-    settings::Settings,
+    model::{FitModel, model},
+    network::{Network, NetworkModel, WindowKeys},
 };
 
 model! {
@@ -21,25 +18,11 @@ model! {
 }
 
 impl FitModel for Tcn {
-    fn learn(&self, samples: &Samples, settings: &Settings, work: &PointWork) -> Result<Learnt, Fault> {
-        let window = Some(self.window.with(Memory::Tcn));
-        let beside =
-            Beside { form: Form::Plain, hidden: &[8], linear: None, all_features: false, physics: 0.0, window };
-        learn(&self.network, &beside, samples, settings, work)
-    }
-
-    fn effort(&self) -> f64 {
-        self.network.effort() * self.window.effort()
-    }
-
-    fn faults(&self, _: &Settings) -> Vec<Fault> {
-        let mut faults = self.network.faults();
-        faults.extend(self.window.faults(Memory::Tcn));
-        faults
-    }
-
-    fn network(&self) -> Option<&Network> {
-        Some(&self.network)
+    fn network(&self) -> Option<NetworkModel<'_>> {
+        Some(NetworkModel {
+            window: Some(self.window.with(Memory::Tcn)),
+            ..NetworkModel::of(&self.network, Form::Plain)
+        })
     }
 }
 

@@ -1,13 +1,10 @@
 //! The network of thesis 004 beside the model of Tolles and Lawson.
 
 use learning::network::Form;
-use schemas::Fault;
 
 use super::{
-    model::{FitModel, Learnt, model},
-    network::{Beside, LinearPart, Network, learn},
-    samples::{PointWork, Samples},
-    settings::Settings,
+    model::{FitModel, model},
+    network::{LinearPart, Network, NetworkModel},
 };
 
 model! {
@@ -20,21 +17,12 @@ model! {
 }
 
 impl FitModel for TollesLawsonNetwork {
-    fn learn(&self, samples: &Samples, settings: &Settings, work: &PointWork) -> Result<Learnt, Fault> {
-        let part = Some(&self.part);
-        let beside = Beside {
-            form: Form::FixedLinear,
+    fn network(&self) -> Option<NetworkModel<'_>> {
+        Some(NetworkModel {
             hidden: &[11],
-            linear: part,
-            all_features: false,
-            physics: 0.0,
-            window: None,
-        };
-        learn(&self.network, &beside, samples, settings, work)
-    }
-
-    fn network(&self) -> Option<&Network> {
-        Some(&self.network)
+            linear: Some(&self.part),
+            ..NetworkModel::of(&self.network, Form::FixedLinear)
+        })
     }
 }
 

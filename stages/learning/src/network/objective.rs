@@ -1,5 +1,6 @@
 //! What training makes small, and its gradient, over many rows.
 
+use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 
 use rayon::prelude::*;
@@ -7,8 +8,8 @@ use rayon::prelude::*;
 use numerics::random::SplitMix64;
 
 use super::gathering::gather;
-use super::passes::{BLOCK, Buffers, Dropout, Packed};
-use super::shape::{derived_seed, unit_uniform};
+use super::passes::{BLOCK, Buffers, Dropout, Packed, Terms, dot};
+use super::shape::{Form, derived_seed, unit_uniform};
 use super::training::{Samples, SparseGroupLasso, Training};
 use super::windowed::{Body, Model};
 
@@ -26,6 +27,15 @@ pub(super) enum Rows<'a> {
     These(&'a [u32]),
 }
 
+impl Rows<'_> {
+    fn count(self, samples: &Samples<'_>) -> usize {
+        match self {
+            Rows::All => samples.y.len(),
+            Rows::These(rows) => rows.len(),
+        }
+    }
+}
+
 /// A mean over rows.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Mean {
@@ -39,14 +49,15 @@ pub(super) struct Mean {
 pub(super) struct Objective<'a> {
     model: Model<'a>,
     training: &'a Training,
-    samples: &'a Samples<'a>,
+    samples: Samples<'a>,
     /// The first row of the run of each row, for a network over a window.
-    first: &'a [u32],
+    first: Vec<u32>,
     tolles_lawson: Vec<f64>,
+    /// The linear terms of each row times their coefficients, where these stay.
+    products: Option<Vec<f64>>,
     network: Packed<'a>,
     of_body: Vec<f64>,
     idle: Mutex<Vec<Work>>,
-    slots: Vec<Slot>,
 }
 
 /// What a thread works in.
@@ -57,25 +68,114 @@ struct Work {
     d_features: Vec<f64>,
     /// What dropout multiplies the features by.
     factors: Vec<f64>,
-    x: Vec<f64>,
     a: Vec<f64>,
     y: Vec<f64>,
     by_prediction: Vec<f64>,
 }
 
 /// What a block adds.
+#[derive(Default)]
 struct Slot {
     loss: f64,
     physics: f64,
     gradient: Vec<f64>,
 }
 
+/// A block of rows.
+struct Block<'r> {
+    rows: Rows<'r>,
+    range: Range<usize>,
+    /// The number of rows of the mean that it is a part of.
+    count: usize,
+    dropout: Option<Dropout>,
+}
+
+/// One of several means over the same rows of the same inputs.
+pub(super) struct Part<'p, 'a> {
+    pub objective: &'p mut Objective<'a>,
+    pub parameters: &'p [f64],
+    /// The seed of what is left out.
+    pub dropout: Option<u64>,
+    /// What the gradient by the parameters is written to.
+    pub gradient: &'p mut [f64],
+}
+
+/// A pass over rows for several means, each of which reads the inputs that are gathered once. What it works in is kept for
+/// the next one.
+#[derive(Default)]
+pub(super) struct Pass {
+    /// What each block of a round adds to each mean.
+    slots: Vec<Vec<Slot>>,
+    /// What inputs are gathered in.
+    idle: Mutex<Vec<Vec<f64>>>,
+}
+
+impl Pass {
+    /// The means, and their gradients.
+    pub fn means(&mut self, parts: &mut [Part<'_, '_>], rows: Rows<'_>) -> Vec<Mean> {
+        let count = parts.first().map_or(0, |part| rows.count(&part.objective.samples));
+        let blocks = count.div_ceil(BLOCK);
+        self.slots.resize_with(blocks.min(ROUND), Vec::new);
+        for slots in &mut self.slots {
+            slots.resize_with(parts.len(), Slot::default);
+            slots.iter_mut().zip(&*parts).for_each(|(slot, part)| slot.gradient.resize(part.parameters.len(), 0.0));
+        }
+        for part in &mut *parts {
+            part.objective.set(part.parameters);
+            part.gradient.fill(0.0);
+        }
+        let parameters: usize = parts.iter().map(|part| part.parameters.len()).sum();
+        let spread = count.saturating_mul(parameters) >= LEAST_TO_SPREAD && rayon::current_num_threads() > 1;
+        let mut sums = vec![(0.0, 0.0); parts.len()];
+        for round in (0..blocks).step_by(ROUND) {
+            let slots = &mut self.slots[..ROUND.min(blocks - round)];
+            let objectives: Vec<(&Objective<'_>, Option<u64>)> =
+                parts.iter().map(|part| (&*part.objective, part.dropout)).collect();
+            let work = |(number, slots): (usize, &mut Vec<Slot>)| {
+                let block = round + number;
+                let range = block * BLOCK..count.min((block + 1) * BLOCK);
+                let taken = self.idle.lock().unwrap_or_else(PoisonError::into_inner).pop();
+                let mut gathered = taken.unwrap_or_default();
+                if let Some((first, _)) = objectives.first() {
+                    let x = first.inputs(rows, &range, &mut gathered);
+                    for ((objective, seed), slot) in objectives.iter().zip(slots) {
+                        let seed = seed.map(|seed| derived_seed(seed, &[block as u64]));
+                        let dropout = seed.map(|seed| Dropout { probability: objective.training.dropout, seed });
+                        objective.block(x, &Block { rows, range: range.clone(), count, dropout }, slot);
+                    }
+                }
+                self.idle.lock().unwrap_or_else(PoisonError::into_inner).push(gathered);
+            };
+            if slots.len() > 1 && spread {
+                slots.par_iter_mut().enumerate().for_each(work);
+            } else {
+                slots.iter_mut().enumerate().for_each(work);
+            }
+            for ((part, (loss, physics)), place) in parts.iter_mut().zip(&mut sums).zip(0..) {
+                for slot in slots.iter().map(|slots: &Vec<Slot>| &slots[place]) {
+                    *loss += slot.loss;
+                    *physics += slot.physics;
+                    part.gradient.iter_mut().zip(&slot.gradient).for_each(|(sum, part)| *sum += part);
+                }
+            }
+        }
+        let mean = |(part, (loss, physics)): (&mut Part<'_, '_>, (f64, f64))| {
+            let Objective { training, model, .. } = part.objective;
+            let loss = loss / count as f64;
+            let lasso = training.sparse_group_lasso;
+            let penalty = lasso.map_or(0.0, |lasso| lasso.add(*model, part.parameters, part.gradient));
+            Mean { loss, objective: loss + physics / count as f64 + penalty }
+        };
+        parts.iter_mut().zip(sums).map(mean).collect()
+    }
+}
+
 impl<'a> Objective<'a> {
     pub fn new(
         model: Model<'a>,
         training: &'a Training,
-        samples: &'a Samples<'a>,
-        first: &'a [u32],
+        samples: Samples<'a>,
+        first: Vec<u32>,
         tolles_lawson: &[f64],
     ) -> Self {
         Self {
@@ -84,69 +184,55 @@ impl<'a> Objective<'a> {
             samples,
             first,
             tolles_lawson: tolles_lawson.to_vec(),
+            products: None,
             network: Packed::new(model.head),
             of_body: vec![],
             idle: Mutex::default(),
-            slots: vec![],
+        }
+    }
+
+    /// Takes the coefficients of these parameters as those of all that follow, where training does not move them, so that the terms
+    /// need not be read again.
+    pub fn hold_fixed(&mut self, parameters: &[f64]) {
+        let head = self.model.head;
+        let linear = self.samples.terms(head);
+        if head.form == Form::FixedLinear && linear > 0 && self.training.physics == 0.0 {
+            let b = &parameters[self.model.head_start() + head.linear_start()..];
+            self.products = Some(self.samples.a.par_chunks_exact(linear).map(|terms| dot(terms, b)).collect());
         }
     }
 
     /// The mean over rows and its gradient by the parameters. `dropout` is the seed of what is left out.
     pub fn at(&mut self, parameters: &[f64], rows: Rows<'_>, dropout: Option<u64>, gradient: &mut [f64]) -> Mean {
+        let part = Part { objective: self, parameters, dropout, gradient };
+        Pass::default().means(&mut [part], rows).pop().unwrap_or_default()
+    }
+
+    fn set(&mut self, parameters: &[f64]) {
         let (of_body, of_head) = parameters.split_at(self.model.head_start());
         self.network.set(of_head);
         self.of_body.clear();
         self.of_body.extend_from_slice(of_body);
-        let count = match rows {
-            Rows::All => self.samples.y.len(),
-            Rows::These(rows) => rows.len(),
-        };
-        let blocks = count.div_ceil(BLOCK);
-        while self.slots.len() < blocks.min(ROUND) {
-            self.slots.push(Slot { loss: 0.0, physics: 0.0, gradient: vec![0.0; parameters.len()] });
-        }
-        let mut slots = std::mem::take(&mut self.slots);
-        gradient.fill(0.0);
-        let (mut loss, mut physics) = (0.0, 0.0);
-        for round in (0..blocks).step_by(ROUND) {
-            let slots = &mut slots[..ROUND.min(blocks - round)];
-            let work = |(number, slot): (usize, &mut Slot)| {
-                let block = round + number;
-                let range = block * BLOCK..count.min((block + 1) * BLOCK);
-                let dropout = dropout.map(|seed| Dropout {
-                    probability: self.training.dropout,
-                    seed: derived_seed(seed, &[block as u64]),
-                });
-                self.block(rows, range, count, dropout, slot);
-            };
-            if slots.len() > 1
-                && count.saturating_mul(parameters.len()) >= LEAST_TO_SPREAD
-                && rayon::current_num_threads() > 1
-            {
-                slots.par_iter_mut().enumerate().for_each(work);
-            } else {
-                slots.iter_mut().enumerate().for_each(work);
-            }
-            for slot in slots {
-                loss += slot.loss;
-                physics += slot.physics;
-                gradient.iter_mut().zip(&slot.gradient).for_each(|(sum, part)| *sum += part);
-            }
-        }
-        self.slots = slots;
-        let loss = loss / count as f64;
-        let penalty = self.training.sparse_group_lasso.map_or(0.0, |lasso| lasso.add(self.model, parameters, gradient));
-        Mean { loss, objective: loss + physics / count as f64 + penalty }
     }
 
-    fn block(
-        &self,
-        rows: Rows<'_>,
-        range: std::ops::Range<usize>,
-        count: usize,
-        dropout: Option<Dropout>,
-        slot: &mut Slot,
-    ) {
+    /// The inputs of a block of rows, for a network over a window those of each row's window.
+    fn inputs<'x>(&'x self, rows: Rows<'_>, range: &Range<usize>, gathered: &'x mut Vec<f64>) -> &'x [f64] {
+        let (x, inputs) = (self.samples.x, self.model.inputs());
+        gathered.clear();
+        match (self.model.windowed, rows) {
+            (Some(windowed), Rows::All) => windowed.gather(x, &self.first, range.clone(), gathered),
+            (Some(windowed), Rows::These(rows)) => {
+                let rows = rows[range.clone()].iter().map(|row| *row as usize);
+                windowed.gather(x, &self.first, rows, gathered);
+            }
+            (None, Rows::All) => return &x[range.start * inputs..range.end * inputs],
+            (None, Rows::These(rows)) => gather(x, inputs, &rows[range.clone()], gathered),
+        }
+        gathered
+    }
+
+    fn block(&self, x: &[f64], block: &Block<'_>, slot: &mut Slot) {
+        let Block { rows, range, count, dropout } = block;
         let taken = self.idle.lock().unwrap_or_else(PoisonError::into_inner).pop();
         let mut work = taken.unwrap_or_else(|| Work {
             buffers: Buffers::new(self.model.head),
@@ -154,45 +240,29 @@ impl<'a> Objective<'a> {
             features: vec![],
             d_features: vec![],
             factors: vec![],
-            x: vec![],
             a: vec![],
             y: vec![],
             by_prediction: vec![],
         });
-        let Work { buffers, body, features, d_features, factors, x, a, y, by_prediction } = &mut work;
-        let (inputs, linear) = (self.model.inputs(), self.samples.terms(self.model.head));
-        if let Some(windowed) = self.model.windowed {
-            x.clear();
-            match rows {
-                Rows::All => windowed.gather(self.samples.x, self.first, range.clone(), x),
-                Rows::These(rows) => {
-                    let rows = rows[range.clone()].iter().map(|row| *row as usize);
-                    windowed.gather(self.samples.x, self.first, rows, x);
-                }
-            }
-        }
+        let Work { buffers, body, features, d_features, factors, a, y, by_prediction } = &mut work;
+        let linear = self.samples.terms(self.model.head);
         let rows_of_block = range.len();
-        let (x, a, y) = match rows {
-            Rows::All => (
-                if body.is_some() { x.as_slice() } else { &self.samples.x[range.start * inputs..range.end * inputs] },
-                &self.samples.a[range.start * linear..range.end * linear],
-                &self.samples.y[range],
-            ),
+        let (linear_of, width) = match &self.products {
+            Some(products) => (products.as_slice(), 1),
+            None => (self.samples.a, linear),
+        };
+        let (a, y) = match rows {
+            Rows::All => (&linear_of[range.start * width..range.end * width], &self.samples.y[range.clone()]),
             Rows::These(rows) => {
                 a.clear();
                 y.clear();
-                if body.is_none() {
-                    x.clear();
-                }
-                let rows = &rows[range];
-                if body.is_none() {
-                    gather(self.samples.x, inputs, rows, x);
-                }
-                gather(self.samples.a, linear, rows, a);
+                let rows = &rows[range.clone()];
+                gather(linear_of, width, rows, a);
                 gather(self.samples.y, 1, rows, y);
-                (x.as_slice(), a.as_slice(), y.as_slice())
+                (a.as_slice(), y.as_slice())
             }
         };
+        let terms = if self.products.is_some() { Terms::Products(a) } else { Terms::Rows(a) };
         let of_head = match body {
             None => x,
             Some(body) => {
@@ -200,7 +270,7 @@ impl<'a> Objective<'a> {
                 body.set(&self.of_body);
                 body.forward(x, rows_of_block, features);
                 factors.clear();
-                if let Some(Dropout { probability, seed }) = dropout {
+                if let Some(Dropout { probability, seed }) = *dropout {
                     let mut bits = SplitMix64::new(derived_seed(seed, &[u64::MAX]));
                     let mut factor = || {
                         if unit_uniform(bits.draw()) < probability { 0.0 } else { 1.0 / (1.0 - probability) }
@@ -211,10 +281,10 @@ impl<'a> Objective<'a> {
                 features.as_slice()
             }
         };
-        buffers.forward(&self.network, of_head, a, true, dropout);
+        buffers.forward(&self.network, of_head, terms, true, *dropout);
         (slot.loss, slot.physics) = (0.0, 0.0);
         by_prediction.clear();
-        let per_row = 1.0 / count as f64;
+        let per_row = 1.0 / *count as f64;
         for (predicted, y) in buffers.predicted.iter().zip(y) {
             let (loss, slope) = self.training.loss.at(predicted - y);
             slot.loss += loss;
@@ -231,7 +301,7 @@ impl<'a> Objective<'a> {
             }
         }
         let (of_body, of_head_gradient) = slot.gradient.split_at_mut(self.of_body.len());
-        buffers.backward(&self.network, of_head, a, by_prediction, of_head_gradient);
+        buffers.backward(&self.network, of_head, terms, by_prediction, of_head_gradient);
         if let Some(body) = body {
             d_features.resize(of_head.len(), 0.0);
             buffers.step_to_inputs(&self.network, rows_of_block, d_features);

@@ -57,6 +57,24 @@ pub(super) struct Buffers {
     gradient_b: Vec<f64>,
 }
 
+/// The linear terms of some rows.
+#[derive(Clone, Copy)]
+pub(super) enum Terms<'a> {
+    /// As they are, row-major.
+    Rows(&'a [f64]),
+    /// Times their coefficients and summed, for [`Form::FixedLinear`], whose coefficients stay.
+    Products(&'a [f64]),
+}
+
+impl<'a> Terms<'a> {
+    fn rows(self) -> &'a [f64] {
+        match self {
+            Terms::Rows(rows) => rows,
+            Terms::Products(_) => &[],
+        }
+    }
+}
+
 /// Hidden units that are left out of a pass at random.
 #[derive(Clone, Copy)]
 pub(super) struct Dropout {
@@ -81,7 +99,7 @@ impl Buffers {
     }
 
     /// Predicts at most a block of rows, into `predicted`. `slopes` keeps what the way back needs.
-    pub fn forward(&mut self, network: &Packed<'_>, x: &[f64], a: &[f64], slopes: bool, dropout: Option<Dropout>) {
+    pub fn forward(&mut self, network: &Packed<'_>, x: &[f64], a: Terms<'_>, slopes: bool, dropout: Option<Dropout>) {
         let shape = network.shape;
         let rows = x.len() / shape.inputs;
         let mut bits = dropout.map(|dropout| (dropout, SplitMix64::new(dropout.seed)));
@@ -119,14 +137,18 @@ impl Buffers {
     }
 
     /// The predictions of the outputs of the network and the linear terms.
-    fn combine(&mut self, network: &Packed<'_>, a: &[f64], rows: usize) {
+    fn combine(&mut self, network: &Packed<'_>, a: Terms<'_>, rows: usize) {
         let shape = network.shape;
         let stride = padded(shape.outputs());
         self.predicted.clear();
         let Some(outputs) = self.layers.last() else { return };
         let outputs = outputs[..rows * stride].chunks_exact(stride);
+        if let Terms::Products(products) = a {
+            self.predicted.extend(outputs.zip(products).map(|(output, product)| output[0] + product));
+            return;
+        }
         // Without linear terms there is nothing to pair with.
-        let terms = |row: usize| &a[row * shape.linear..][..shape.linear];
+        let terms = |row: usize| &a.rows()[row * shape.linear..][..shape.linear];
         match shape.form {
             Form::Plain => self.predicted.extend(outputs.map(|output| output[0])),
             Form::Weights => {
@@ -176,12 +198,12 @@ impl Buffers {
         &mut self,
         network: &Packed<'_>,
         x: &[f64],
-        a: &[f64],
+        a: Terms<'_>,
         by_prediction: &[f64],
         gradient: &mut [f64],
     ) {
         let shape = network.shape;
-        let rows = by_prediction.len();
+        let (rows, a) = (by_prediction.len(), a.rows());
         self.delta_of_outputs(shape, a, by_prediction);
         for number in (0..network.forward.len()).rev() {
             let stride = padded(shape.hidden.get(number).copied().unwrap_or(shape.outputs()));
@@ -237,7 +259,7 @@ impl Buffers {
 }
 
 #[inline(always)]
-fn dot(a: &[f64], b: &[f64]) -> f64 {
+pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
@@ -254,7 +276,7 @@ impl Shape {
     /// NaN where parameters or terms do not fit the shape; a row is where one of its inputs is.
     pub fn predict(&self, parameters: &[f64], x: &[f64], a: &[f64]) -> Vec<f64> {
         self.by_blocks(parameters, x, a, 1, |network, buffers, x, a, out| {
-            buffers.forward(network, x, a, false, None);
+            buffers.forward(network, x, Terms::Rows(a), false, None);
             out.copy_from_slice(&buffers.predicted);
         })
     }
@@ -262,7 +284,7 @@ impl Shape {
     /// The derivatives of each prediction by its scaled inputs, row by row; arguments as for [`predict`](Self::predict).
     pub fn gradient_of_inputs(&self, parameters: &[f64], x: &[f64], a: &[f64]) -> Vec<f64> {
         self.by_blocks(parameters, x, a, self.inputs, |network, buffers, x, a, out| {
-            buffers.forward(network, x, a, true, None);
+            buffers.forward(network, x, Terms::Rows(a), true, None);
             buffers.by_inputs(network, a, x.len() / network.shape.inputs, out);
         })
     }

@@ -1,15 +1,11 @@
-//! Training by Adam and L-BFGS.
+//! What a training is made of and how it is set.
 
-use std::ops::ControlFlow;
-
-use numerics::random::SplitMix64;
 use rayon::prelude::*;
 
 use super::loss::Loss;
-use super::objective::{Objective, Rows};
-use super::shape::{Form, Layer, Shape, Stream, derived_seed};
+use super::shape::Shape;
 use super::state::State;
-use super::windowed::{Model, Runs, Windowed};
+use super::windowed::Model;
 
 /// Rows to train on, or to validate with, in the scale that the network works in.
 #[derive(Debug, Clone, Copy)]
@@ -28,7 +24,7 @@ impl Samples<'_> {
         if self.a.is_empty() { 0 } else { shape.linear }
     }
 
-    fn check(&self, model: Model<'_>, what: &'static str, needs_terms: bool) -> Result<(), TrainingError> {
+    pub(super) fn check(&self, model: Model<'_>, what: &'static str, needs_terms: bool) -> Result<(), TrainingError> {
         let (inputs, linear) = (model.inputs(), model.head.linear);
         let rows = self.y.len();
         if rows == 0 {
@@ -266,11 +262,8 @@ pub enum TrainingError {
     },
 }
 
-const TRAIN: &str = "to train on";
-const VALIDATE: &str = "to validate with";
-
 impl Training {
-    fn check(&self, model: Model<'_>, state: &State, validated: bool) -> Result<(), TrainingError> {
+    pub(super) fn check(&self, model: Model<'_>, state: &State, validated: bool) -> Result<(), TrainingError> {
         let Optimiser { beta_1, beta_2, epsilon, lbfgs_epochs, lbfgs_memory } = self.optimiser;
         let part = |x: f64| (0.0..1.0).contains(&x);
         let at_least_0 = |x: f64| x >= 0.0 && x.is_finite();
@@ -331,7 +324,7 @@ impl Training {
     }
 
     /// Adam's learning rate in the epoch after a state.
-    fn rate(&self, state: &State) -> f64 {
+    pub(super) fn rate(&self, state: &State) -> f64 {
         let factor = match self.schedule {
             Schedule::Constant => 1.0,
             Schedule::Steps { every, factor } => (0..state.epoch / every).fold(1.0, |product, _| product * factor),
@@ -344,193 +337,10 @@ impl Training {
         self.learning_rate * factor
     }
 
-    fn ends(&self, state: &State) -> bool {
+    pub(super) fn ends(&self, state: &State) -> bool {
         let waited = |patience: usize| state.epoch - state.best_epoch.min(state.epoch) >= patience.max(1);
         let given_up = state.epoch > 0 && self.patience.is_some_and(waited);
         let all = state.epoch >= self.epochs.saturating_add(self.optimiser.lbfgs_epochs);
         all || given_up || state.lbfgs.ended
     }
-}
-
-/// Trains a network from a start, or on from the state at the end of an epoch of the same training. `each` is handed every
-/// epoch and the state after it, and may end the training there.
-///
-/// The answer is the same to the last bit on any number of threads, and for a training that was stopped and goes on.
-///
-/// # Errors
-/// Fails without samples, for lengths that do not fit, values that are not finite, settings out of their range, a
-/// patience without validation, and with [`TrainingError::Diverged`] when loss or parameters are no longer finite.
-pub fn train(
-    shape: &Shape,
-    start: State,
-    training: &Training,
-    samples: &Samples<'_>,
-    validation: Option<&Samples<'_>>,
-    each: &mut dyn FnMut(&Epoch, &State) -> ControlFlow<()>,
-) -> Result<Trained, TrainingError> {
-    let (samples, validation) = ((*samples, vec![]), validation.map(|samples| (*samples, vec![])));
-    trained(shape.into(), start, training, &samples, validation.as_ref(), each)
-}
-
-/// Trains a network over windows, as [`train`]. Every sample of the runs is predicted once an epoch, with its window; sparse group
-/// lasso is on the weights that the inputs have in the memory, and dropout on the features, too.
-///
-/// # Errors
-/// Fails as [`train`], and for lengths of runs that do not add up to the samples.
-pub fn train_windowed(
-    network: &Windowed,
-    start: State,
-    training: &Training,
-    runs: &Runs<'_>,
-    validation: Option<&Runs<'_>>,
-    each: &mut dyn FnMut(&Epoch, &State) -> ControlFlow<()>,
-) -> Result<Trained, TrainingError> {
-    let samples = (runs.samples, runs.first_rows()?);
-    let validation = validation.map(|runs| Ok((runs.samples, runs.first_rows()?))).transpose()?;
-    trained(network.into(), start, training, &samples, validation.as_ref(), each)
-}
-
-/// Samples, and for a network over a window the first row of the run of each.
-type Placed<'a> = (Samples<'a>, Vec<u32>);
-
-fn trained(
-    model: Model<'_>,
-    start: State,
-    training: &Training,
-    samples: &Placed<'_>,
-    validation: Option<&Placed<'_>>,
-    each: &mut dyn FnMut(&Epoch, &State) -> ControlFlow<()>,
-) -> Result<Trained, TrainingError> {
-    model.check()?;
-    let needs_terms = model.head.form != Form::Plain || training.physics > 0.0;
-    samples.0.check(model, TRAIN, needs_terms)?;
-    validation.map_or(Ok(()), |(samples, _)| samples.check(model, VALIDATE, model.head.form != Form::Plain))?;
-    training.check(model, &start, validation.is_some())?;
-    let layers = model.layers();
-    let mut state = start;
-    let mut objective = Objective::new(model, training, &samples.0, &samples.1, &state.tolles_lawson);
-    while !training.ends(&state) {
-        let by_adam = state.epoch < training.epochs;
-        let learning_rate = if by_adam { training.rate(&state) } else { f64::NAN };
-        let train_loss = if by_adam {
-            adam_epoch(&layers, training, samples.0.y.len(), &mut objective, learning_rate, &mut state)
-        } else {
-            lbfgs_epoch(training, &mut objective, &mut state)
-        };
-        state.epoch += 1;
-        let validation_loss =
-            validation.map_or(f64::NAN, |samples| mean_loss(model, training.loss, &state.parameters, samples));
-        let finite = train_loss.is_finite()
-            && (validation.is_none() || validation_loss.is_finite())
-            && state.parameters.iter().all(|x| x.is_finite());
-        if !finite {
-            return Err(TrainingError::Diverged { epoch: state.epoch, learning_rate });
-        }
-        if validation.is_some() {
-            judge(training, validation_loss, &mut state);
-        }
-        let epoch = Epoch { train_loss, validation_loss, learning_rate };
-        state.epochs.push(epoch);
-        if each(&epoch, &state).is_break() {
-            break;
-        }
-    }
-    let (parameters, best) =
-        if state.best.is_empty() { (state.parameters, state.epoch) } else { (state.best, state.best_epoch) };
-    Ok(Trained { parameters, epochs: state.epochs, best })
-}
-
-/// Keeps the parameters of the least validation loss, and lowers the learning rate on a plateau.
-fn judge(training: &Training, validation_loss: f64, state: &mut State) {
-    state.on_plateau += 1;
-    if validation_loss < state.best_loss {
-        (state.best_loss, state.best_epoch, state.on_plateau) = (validation_loss, state.epoch, 0);
-        state.best.clone_from(&state.parameters);
-    }
-    if let Schedule::Plateau { patience, factor } = training.schedule
-        && state.on_plateau >= patience
-    {
-        state.rate_factor *= factor;
-        state.on_plateau = 0;
-    }
-}
-
-/// The mean loss of the errors over samples.
-pub(super) fn mean_loss(model: Model<'_>, loss: Loss, parameters: &[f64], (samples, first): &Placed<'_>) -> f64 {
-    let predicted = model.predict(parameters, samples, first);
-    let sum: f64 = predicted.iter().zip(samples.y).map(|(predicted, y)| loss.at(predicted - y).0).sum();
-    sum / samples.y.len() as f64
-}
-
-/// The order of the samples in an epoch, from 0: Fisher and Yates's shuffle of their numbers.
-pub(super) fn order(samples: usize, seed: u64, epoch: usize) -> Vec<u32> {
-    let mut bits = SplitMix64::new(derived_seed(seed, &[Stream::Order as u64, epoch as u64]));
-    let mut order: Vec<u32> = (0..samples as u32).collect();
-    for last in (1..samples).rev() {
-        let with = (u128::from(bits.draw()) * (last as u128 + 1)) >> 64;
-        order.swap(last, with as usize);
-    }
-    order
-}
-
-/// An epoch of Adam; the mean loss over its samples.
-fn adam_epoch(
-    layers: &[Layer],
-    training: &Training,
-    rows: usize,
-    objective: &mut Objective<'_>,
-    learning_rate: f64,
-    state: &mut State,
-) -> f64 {
-    let order = order(rows, training.seed, state.epoch);
-    let batches = rows.div_ceil(training.batch);
-    let mut gradient = vec![0.0; state.parameters.len()];
-    let mut sum = 0.0;
-    for batch in 0..batches {
-        let (first, end) = (share(batch, batches, rows), share(batch + 1, batches, rows));
-        let numbers = [Stream::Dropout as u64, state.epoch as u64, batch as u64];
-        let dropout = (training.dropout > 0.0).then(|| derived_seed(training.seed, &numbers));
-        let mean = objective.at(&state.parameters, Rows::These(&order[first..end]), dropout, &mut gradient);
-        sum += mean.loss * (end - first) as f64;
-        if !mean.objective.is_finite() {
-            return f64::NAN;
-        }
-        adam_step(layers, training, learning_rate, &gradient, state);
-    }
-    sum / rows as f64
-}
-
-/// Where a batch begins: all have as many rows, but for one.
-fn share(batch: usize, batches: usize, rows: usize) -> usize {
-    (batch as u128 * rows as u128 / batches as u128) as usize
-}
-
-fn adam_step(layers: &[Layer], training: &Training, learning_rate: f64, gradient: &[f64], state: &mut State) {
-    let Optimiser { beta_1, beta_2, epsilon, .. } = training.optimiser;
-    state.powers = [state.powers[0] * beta_1, state.powers[1] * beta_2];
-    let [first, second] = state.powers.map(|power| 1.0 - power);
-    if training.weight_decay > 0.0 {
-        let factor = 1.0 - learning_rate * training.weight_decay;
-        for layer in layers {
-            state.parameters[layer.range()].iter_mut().for_each(|weight| *weight *= factor);
-        }
-    }
-    let (step, root) = (learning_rate / first, second.sqrt());
-    let moments = state.first_moments.iter_mut().zip(&mut state.second_moments);
-    for ((parameter, g), (mean, square)) in state.parameters.iter_mut().zip(gradient).zip(moments) {
-        *mean = beta_1 * *mean + (1.0 - beta_1) * g;
-        *square = beta_2 * *square + (1.0 - beta_2) * g * g;
-        *parameter -= step * *mean / (square.sqrt() / root + epsilon);
-    }
-}
-
-/// A step of L-BFGS; the mean loss after it.
-fn lbfgs_epoch(training: &Training, objective: &mut Objective<'_>, state: &mut State) -> f64 {
-    let memory = training.optimiser.lbfgs_memory;
-    state.lbfgs.step(&mut state.parameters, memory, &mut |parameters, gradient| {
-        objective.at(parameters, Rows::All, None, gradient).objective
-    });
-    // The line search may have ended on another step than it evaluated last.
-    let mut gradient = vec![0.0; state.parameters.len()];
-    objective.at(&state.parameters, Rows::All, None, &mut gradient).loss
 }

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use numerics::random::SplitMix64;
 
 use super::convolution::Convolution;
-use super::passes::{BLOCK, Buffers, Packed};
+use super::passes::{BLOCK, Buffers, Packed, Terms};
 use super::recurrent::{Cell, Recurrent};
 use super::shape::{Layer, Shape, Stream, derived_seed, unit_uniform};
 use super::state::State;
@@ -280,7 +280,8 @@ impl Windowed {
                 features.resize(out.len() * self.units, 0.0);
                 self.gather(x, first, start..start + out.len(), windows);
                 body.forward(windows, out.len(), features);
-                buffers.forward(&head, features, &a[start * linear..][..out.len() * linear], false, None);
+                let terms = Terms::Rows(&a[start * linear..][..out.len() * linear]);
+                buffers.forward(&head, features, terms, false, None);
                 out.copy_from_slice(&buffers.predicted);
             },
         );

@@ -53,7 +53,7 @@ fn law_gradients_over_windows_are_those_of_central_differences() {
                     ..Training::default()
                 };
                 let model = Model::from(&network);
-                let mut objective = Objective::new(model, &training, &runs.samples, &first, &[0.3, -0.4]);
+                let mut objective = Objective::new(model, &training, runs.samples, first.clone(), &[0.3, -0.4]);
                 let seed = (dropout > 0.0).then_some(5);
                 let mut gradient = vec![0.0; parameters.len()];
                 objective.at(&parameters, Rows::All, seed, &mut gradient);

@@ -1,429 +1,151 @@
-//! The training of a network within a fit.
+//! The training of networks within a fit.
 
 use std::{ops::ControlFlow, time::Instant};
 
-use learning::{
-    inputs::{Inputs, InputsError},
-    network::{
-        Epoch, Form, Runs, Shape, State, TermScaling, Trained, Training, TrainingError, Windowed, train, train_windowed,
-    },
-};
-use numerics::{random::seed_of, regression::statistics};
+use learning::network::{Epoch, Job, State, Trained, Training, TrainingError, train_together};
 use schemas::Fault;
 
-use super::{LinearPart, Network, Window, warm_start::WarmStart};
-use crate::{
-    fit::{
-        model::Learnt,
-        samples::{PointWork, Samples},
-        settings::Settings,
-    },
-    trained::{self, Learned, Term, list},
+use super::{
+    NetworkModel,
+    prepared::{Prepared, Ready, Task, member_seed},
 };
+use crate::fit::{model::Learnt, samples::Samples};
 
 /// Seconds between two states that are kept.
 const KEPT_EVERY_S: f64 = 1.0;
-/// A validation loss of so many times the training loss is said to overfit.
-const OVERFITS: f64 = 4.0;
 
-/// What stands beside a network.
-pub struct Beside<'a> {
-    /// How the two are put together.
-    pub form: Form,
-    /// Units of the hidden layers where the spec gives none.
-    pub hidden: &'a [usize],
-    /// The linear model, but for `m1`.
-    pub linear: Option<&'a LinearPart>,
-    /// Whether all features are its terms where the spec names none.
-    pub all_features: bool,
-    /// The weight of the distance from the linear model in the loss.
-    pub physics: f64,
-    /// What sees a window of samples before the network; none sees each sample alone.
-    pub window: Option<Window>,
-}
-
-/// The inputs of a network, which networks with the same keys share.
-pub struct NetworkInputs {
-    /// Their places among the features.
-    at: Vec<usize>,
-    /// The places of those that are constant on the lines to train on, which are none.
-    constant: Vec<usize>,
-    scaling: Inputs,
-    /// Scaled, of the lines to train on and of those to validate with, row-major.
-    train: Vec<f64>,
-    validate: Vec<f64>,
-}
-
-impl NetworkInputs {
-    /// Those of a network that begins at random.
-    ///
-    /// # Errors
-    /// When the keys name none, or every input is constant, or there are no components as `whiten` asks for.
-    pub fn of(keys: &Network, samples: &Samples, whiten: Option<f64>) -> Result<Self, Fault> {
-        let (train_on, validate_on) = samples.split(&keys.validation)?;
-        let mut at = samples.places(keys.inputs.as_ref()).map_err(|f| f.of_param("inputs"))?;
-        let (scaling, constant, x) = scaling(samples, &train_on, &mut at, whiten)?;
-        let validate = scaling.apply(&samples.columns(&at, &validate_on));
-        Ok(Self { train: scaling.apply(&x), validate, at, constant, scaling })
-    }
-
-    /// Those of a network that begins as another one.
-    fn warm(warm: &WarmStart, keys: &Network, samples: &Samples, whiten: Option<f64>) -> Result<Self, Fault> {
-        let (train_on, validate_on) = samples.split(&keys.validation)?;
-        let mut at = samples.places(keys.inputs.as_ref()).map_err(|f| f.of_param("inputs"))?;
-        let scaling = warm.scaling(samples, &mut at, whiten)?;
-        let of = |lines: &[usize]| scaling.apply(&samples.columns(&at, lines));
-        Ok(Self { train: of(&train_on), validate: of(&validate_on), constant: vec![], at, scaling })
-    }
-}
-
-/// The rows of some lines, scaled.
-struct Scaled<'a> {
-    x: &'a [f64],
-    a: Vec<f64>,
-    y: Vec<f64>,
-    /// Rows of each run of samples that follow each other.
-    runs: Vec<usize>,
-}
-
-impl Scaled<'_> {
-    fn samples(&self) -> learning::network::Samples<'_> {
-        learning::network::Samples { x: self.x, a: &self.a, y: &self.y }
-    }
-
-    fn runs(&self) -> Runs<'_> {
-        Runs { samples: self.samples(), lengths: &self.runs }
-    }
-}
-
-/// What the training of the members begins with.
-struct Beginning {
-    /// The parameters of each member.
-    members: Vec<Vec<f64>>,
-    /// The coefficients of the linear model, of scaled terms and in the scale of the target.
-    linear: Vec<f64>,
-}
-
-/// The network that is trained.
-pub enum Core {
-    /// Of each sample alone.
-    Dense(Shape),
-    /// Of a window of samples.
-    Windowed(Windowed),
-}
-
-impl Core {
-    fn initial(&self, seed: u64, linear: &[f64]) -> Vec<f64> {
-        match self {
-            Core::Dense(shape) => shape.initial(seed, linear),
-            Core::Windowed(windowed) => windowed.initial(seed, linear),
-        }
-    }
-
-    fn start(&self, parameters: Vec<f64>) -> State {
-        match self {
-            Core::Dense(shape) => State::new(shape, parameters),
-            Core::Windowed(windowed) => windowed.start(parameters),
-        }
-    }
-
-    fn predict(&self, parameters: &[f64], rows: &Scaled<'_>) -> Vec<f64> {
-        match self {
-            Core::Dense(shape) => shape.predict(parameters, rows.x, &rows.a),
-            Core::Windowed(windowed) => windowed.predict(parameters, rows.x, &rows.a, &rows.runs),
-        }
-    }
-
-    /// The parameters of a network of scaled terms. Over a window there are none.
-    fn scaled(&self, terms: &TermScaling, parameters: &[f64]) -> Vec<f64> {
-        match self {
-            Core::Dense(shape) => terms.scaled(shape, parameters),
-            Core::Windowed(_) => parameters.to_vec(),
-        }
-    }
-
-    /// Those of a network of the terms as they are.
-    fn original(&self, terms: &TermScaling, parameters: &[f64]) -> Vec<f64> {
-        match self {
-            Core::Dense(shape) => terms.original(shape, parameters),
-            Core::Windowed(_) => parameters.to_vec(),
-        }
-    }
-
-    fn train(
-        &self,
-        start: State,
-        training: &Training,
-        rows: &Scaled<'_>,
-        validation: Option<&Scaled<'_>>,
-        each: &mut dyn FnMut(&Epoch, &State) -> ControlFlow<()>,
-    ) -> Result<Trained, TrainingError> {
-        match self {
-            Core::Dense(shape) => {
-                let validation = validation.map(Scaled::samples);
-                train(shape, start, training, &rows.samples(), validation.as_ref(), each)
-            }
-            Core::Windowed(windowed) => {
-                let validation = validation.map(Scaled::runs);
-                train_windowed(windowed, start, training, &rows.runs(), validation.as_ref(), each)
-            }
-        }
-    }
-}
-
-/// Trains a network.
+/// Trains networks, which share what they can of each pass over the samples. Each ends as it would alone.
 ///
 /// # Errors
-/// When the data do not determine it, the loss is not finite, or the run is interrupted.
-pub fn learn(
-    keys: &Network,
-    beside: &Beside,
-    samples: &Samples,
-    settings: &Settings,
-    work: &PointWork,
-) -> Result<Learnt, Fault> {
-    let (train_on, validate_on) = samples.split(&keys.validation)?;
-    let warm = work.start.map(|model| WarmStart::of(model, beside.form)).transpose()?;
-    let own;
-    let NetworkInputs { at, constant, scaling, train, validate } = match (&warm, work.inputs) {
-        (None, Some(shared)) => shared.as_ref().map_err(Clone::clone)?,
-        (None, None) => {
-            own = NetworkInputs::of(keys, samples, settings.whiten)?;
-            &own
-        }
-        (Some(warm), _) => {
-            own = NetworkInputs::warm(warm, keys, samples, settings.whiten)?;
-            &own
-        }
-    };
-    let (linear_at, coefficients) = match beside.linear {
-        Some(part) => {
-            let mut places = part.places(samples, beside.all_features)?;
-            if let Some(warm) = &warm {
-                warm.order_terms(samples, &mut places)?;
-            }
-            let fitted = part.fit(samples, &train_on, &places)?;
-            (places, fitted)
-        }
-        None => (vec![], vec![]),
-    };
-    let mut target = target(samples, &train_on, &linear_at, &coefficients, beside.form)?;
-    if let Some(warm) = &warm {
-        target.1 = warm.scale_nt();
+/// In place of a model where the data do not determine it, the loss is not finite, or the run is interrupted.
+pub fn learn_together(tasks: &[Task<'_>], samples: &Samples) -> Vec<Result<Learnt, Fault>> {
+    let ready: Vec<Result<Ready<'_>, Fault>> = tasks.iter().map(|task| Ready::of(task, samples)).collect();
+    let of = |ready| Ok(InTraining::of(Prepared::of(ready, samples)?));
+    let mut networks: Vec<Result<InTraining<'_>, Fault>> =
+        ready.iter().map(|ready| ready.as_ref().map_err(Clone::clone).and_then(of)).collect();
+    let most = networks.iter().flatten().map(|network| network.prepared.members.len()).max().unwrap_or(0);
+    for member in 0..most {
+        train_members(member, &mut networks);
     }
-    let in_scale: Vec<f64> = coefficients.iter().map(|b| b / target.1).collect();
-    let terms = term_scaling(samples, &train_on, &linear_at, &in_scale, beside.form, settings.whiten)?;
-    let scaled = |lines: &[usize], x, (mean, scale): (f64, f64)| Scaled {
-        x,
-        a: terms.apply(samples.columns(&linear_at, lines)),
-        y: samples.target(lines).iter().map(|y| (y - mean) / scale - terms.offset()).collect(),
-        runs: samples.runs(lines),
-    };
-    let inputs = beside.window.as_ref().map_or_else(|| scaling.width(), |window| window.units);
-    let usual = || warm.as_ref().map_or_else(|| beside.hidden.to_vec(), WarmStart::hidden);
-    let shape = Shape {
-        inputs,
-        linear: linear_at.len(),
-        hidden: keys.hidden.clone().unwrap_or_else(usual),
-        activation: keys.activation,
-        form: beside.form,
-    };
-    let core = match &beside.window {
-        None => Core::Dense(shape),
-        Some(Window { memory, window, units }) => {
-            let (memory, window, units) = (*memory, *window, *units);
-            Core::Windowed(Windowed { memory, inputs: scaling.width(), window, units, head: shape })
-        }
-    };
-    let tolles_lawson = terms.coefficients(&in_scale);
-    let (members, rows) = match &warm {
-        Some(warm) => {
-            warm.check(keys, &core, samples)?;
-            let members = warm.members(beside.form, &in_scale);
-            let members: Vec<Vec<f64>> = members.iter().map(|m| core.scaled(&terms, m)).collect();
-            let mut rows = scaled(&train_on, train, (0.0, target.1));
-            // The constant of another aircraft is not that of this one.
-            let left = members.iter().flat_map(|m| {
-                let made = core.predict(m, &rows);
-                rows.y.iter().zip(made).map(|(y, made)| y - made).collect::<Vec<f64>>()
-            });
-            let mean = statistics::mean(&left.collect::<Vec<f64>>()).value;
-            if !mean.is_finite() {
-                return Err(warm.fault("predicts numbers that are not finite on these lines"));
-            }
-            target.0 = mean * target.1;
-            rows.y.iter_mut().for_each(|y| *y -= mean);
-            (members, rows)
-        }
-        None => {
-            let members = (0..keys.members).map(|member| core.initial(member_seed(keys, member), &tolles_lawson));
-            (members.collect(), scaled(&train_on, train, target))
-        }
-    };
-    let far = warm.as_ref().map(|warm| warm.far(samples, at, &train_on)).unwrap_or_default();
-    let validation = scaled(&validate_on, validate, target);
-    let beginning = Beginning { members, linear: tolles_lawson };
-    let training_rows = (&rows, &validation);
-    let trained = train_members(keys, beside.physics, &core, &beginning, training_rows, target.1, work)?;
-    let names = |at: &[usize]| at.iter().map(|&i| samples.names[i].clone()).collect::<Vec<_>>();
-    let parameters = trained.iter().map(|t| core.original(&terms, &t.parameters)).collect();
-    let model = match core {
-        Core::Dense(shape) => {
-            let linear = names(&linear_at);
-            Learned::Network(trained::Network::new(names(at), scaling.clone(), linear, shape, parameters, target)?)
-        }
-        Core::Windowed(windowed) => {
-            let rate_hz = samples.rate_hz()?;
-            let network =
-                trained::WindowedNetwork::new(names(at), scaling.clone(), windowed, parameters, target, rate_hz)?;
-            Learned::Windowed(network)
-        }
-    };
-    let first = trained.first().ok_or_else(|| Fault::bug("nothing was trained"))?;
-    Ok(Learnt {
-        model,
-        chosen: first.best as f64,
-        curve: curve(&trained),
-        warning: [far, warning(keys, samples, constant, &trained, !validate_on.is_empty())]
-            .into_iter()
-            .filter(|said| !said.is_empty())
-            .collect::<Vec<_>>()
-            .join("; "),
-    })
+    let learnt = |network: InTraining<'_>| network.prepared.learnt(samples, &network.trained);
+    networks.into_iter().map(|network| network.and_then(learnt)).collect()
 }
 
-/// How the inputs are scaled; those that are constant on the lines to train on are taken out of `at`, and returned. The last
-/// are the rows of the lines that the scaling is made of, row-major.
-///
-/// # Errors
-/// When every input is constant, or there are no components as `whiten` asks for.
-pub fn scaling(
-    samples: &Samples,
-    lines: &[usize],
-    at: &mut Vec<usize>,
-    whiten: Option<f64>,
-) -> Result<(Inputs, Vec<usize>, Vec<f64>), Fault> {
-    let mut constant = vec![];
-    let mut x = samples.columns(at, lines);
-    let mut found = Inputs::standardised(&x, at.len());
-    if let Err(InputsError::Constant { columns }) = &found {
-        constant = columns.iter().filter_map(|&i| at.get(i).copied()).collect();
-        at.retain(|i| !constant.contains(i));
-        if at.is_empty() {
-            return Err(Fault::data("every input is constant").of_param("inputs"));
-        }
-        x = samples.columns(at, lines);
-        found = Inputs::standardised(&x, at.len());
+/// A network whose members are trained one after the other.
+struct InTraining<'a> {
+    prepared: Prepared<'a>,
+    /// The states of members that an earlier run left.
+    kept: Vec<State>,
+    /// The states of the members that are done.
+    done: Vec<State>,
+    trained: Vec<Trained>,
+}
+
+impl<'a> InTraining<'a> {
+    fn of(prepared: Prepared<'a>) -> Self {
+        let kept = prepared.task.work.kept().and_then(|bytes| read_states(&bytes)).unwrap_or_default();
+        Self { prepared, kept, done: vec![], trained: vec![] }
     }
-    let fault = |e: InputsError| Fault::data(e.to_string());
-    let scaling = found.map_err(fault)?;
-    let scaling = match whiten {
-        Some(keep) => scaling.whitened(&x, keep).map_err(|e| fault(e).of_param("whiten"))?,
-        None => scaling,
-    };
-    Ok((scaling, constant, x))
-}
 
-/// How the linear terms are scaled for the training.
-fn term_scaling(
-    samples: &Samples,
-    lines: &[usize],
-    at: &[usize],
-    tolles_lawson: &[f64],
-    form: Form,
-    whiten: Option<f64>,
-) -> Result<TermScaling, Fault> {
-    let found = TermScaling::of(form, &samples.columns(at, lines), at.len(), whiten, tolles_lawson);
-    found.map_err(|e| {
-        let whitening = matches!(e, InputsError::Keep { .. });
-        let fault = Fault::data(e.to_string());
-        if whitening { fault.of_param("whiten") } else { fault }
-    })
-}
-
-/// Mean and scale of what the network is to explain.
-fn target(
-    samples: &Samples,
-    lines: &[usize],
-    linear_at: &[usize],
-    coefficients: &[f64],
-    form: Form,
-) -> Result<(f64, f64), Fault> {
-    let mut y = samples.target(lines);
-    match form {
-        Form::Plain | Form::Weights => {}
-        Form::FixedLinear | Form::TrainedLinear | Form::WeightsAroundFixed => {
-            let a = samples.columns(linear_at, lines);
-            let rows = a.chunks_exact(coefficients.len().max(1));
-            let explained = |row: &[f64]| row.iter().zip(coefficients).map(|(a, b)| a * b).sum::<f64>();
-            y.iter_mut().zip(rows).for_each(|(y, row)| *y -= explained(row));
-        }
-    }
-    let (mean, scale) = (statistics::mean(&y).value, statistics::std(&y).value);
-    if !(scale > 0.0 && scale.is_finite()) {
-        return Err(Fault::data("the target is constant: there is nothing to learn").of_param("target"));
-    }
-    Ok((mean, scale))
-}
-
-/// The seed of a member's first weights, batches and dropout.
-fn member_seed(keys: &Network, member: usize) -> u64 {
-    seed_of(keys.seed as u64, &["member", &member.to_string()])
-}
-
-/// Trains all members, one after the other, from where an earlier run left them.
-fn train_members(
-    keys: &Network,
-    physics: f64,
-    core: &Core,
-    beginning: &Beginning,
-    (rows, validation): (&Scaled<'_>, &Scaled<'_>),
-    scale_nt: f64,
-    work: &PointWork,
-) -> Result<Vec<Trained>, Fault> {
-    let kept_states = work.kept().and_then(|bytes| read_states(&bytes)).unwrap_or_default();
-    let mut states = vec![];
-    let validation = (!validation.y.is_empty()).then_some(validation);
-    let all_epochs = keys.epochs + keys.lbfgs_epochs;
-    let mut trained = vec![];
-    for (member, first) in beginning.members.iter().enumerate() {
-        let state = kept_states.get(member).cloned().unwrap_or_else(|| {
-            let mut state = core.start(first.clone());
-            state.tolles_lawson.clone_from(&beginning.linear);
+    /// The state that a member begins with, or goes on from.
+    fn start(&self, member: usize) -> Option<State> {
+        let first = self.prepared.members.get(member)?;
+        Some(self.kept.get(member).cloned().unwrap_or_else(|| {
+            let mut state = self.prepared.core.start(first.clone());
+            state.tolles_lawson.clone_from(&self.prepared.linear);
             state
-        });
-        let training = Training { physics, ..keys.training(member_seed(keys, member)) };
-        let (mut stopped, mut kept, begun, from) = (None, None::<Instant>, Instant::now(), state.epoch);
-        let mut each = |epoch: &Epoch, state: &State| {
-            let done = state.epoch;
-            if kept.is_none_or(|last| last.elapsed().as_secs_f64() > KEPT_EVERY_S) {
-                kept = Some(Instant::now());
-                work.keep(&states_bytes(&states, state));
+        }))
+    }
+
+    /// Says where a member stands after an epoch, and keeps its state now and then.
+    fn goes_on(
+        &self,
+        number: usize,
+        (from, begun): (usize, Instant),
+        epoch: &Epoch,
+        state: &State,
+        kept: &mut Option<Instant>,
+    ) -> Result<(), Fault> {
+        let Task { model: NetworkModel { keys, .. }, work, .. } = self.prepared.task;
+        let (done, all) = (state.epoch, keys.epochs + keys.lbfgs_epochs);
+        if kept.is_none_or(|last| last.elapsed().as_secs_f64() > KEPT_EVERY_S) {
+            *kept = Some(Instant::now());
+            work.keep(&states_bytes(&self.done, state));
+        }
+        let left_s = begun.elapsed().as_secs_f64() / (done - from).max(1) as f64 * (all - done) as f64;
+        let said = progress(epoch, done, all, number, keys.members, self.prepared.scale_nt(), left_s);
+        work.goes_on(&said).inspect_err(|_| work.keep(&states_bytes(&self.done, state)))
+    }
+}
+
+/// Trains one member of each network that has so many.
+fn train_members(number: usize, networks: &mut [Result<InTraining<'_>, Fault>]) {
+    let mut members: Vec<(usize, Member<'_>)> = vec![];
+    for (at, network) in networks.iter().enumerate() {
+        let member = network.as_ref().ok().and_then(|network| Member::of(number, network));
+        members.extend(member.map(|member| (at, member)));
+    }
+    let found = train_together(members.iter_mut().map(|(_, member)| member.job()).collect());
+    let ends = members.into_iter().zip(found).map(|((at, member), found)| (at, member.end(found)));
+    for (at, end) in ends.collect::<Vec<_>>() {
+        match (end, &mut networks[at]) {
+            (Ok((state, trained)), Ok(network)) => {
+                network.done.push(state);
+                network.trained.push(trained);
             }
-            let left_s = begun.elapsed().as_secs_f64() / (done - from).max(1) as f64 * (all_epochs - done) as f64;
-            match work.goes_on(&progress(epoch, done, all_epochs, member, keys.members, scale_nt, left_s)) {
+            (Err(fault), network) => *network = Err(fault),
+            (Ok(_), Err(_)) => {}
+        }
+    }
+}
+
+/// A member in training.
+struct Member<'a> {
+    network: &'a InTraining<'a>,
+    number: usize,
+    training: Training,
+    /// Where it stands.
+    state: State,
+    /// The epoch that it begins with, and when it began.
+    from: (usize, Instant),
+    /// When its state was last kept.
+    kept: Option<Instant>,
+    /// Why it does not go on.
+    stopped: Option<Fault>,
+}
+
+impl<'a> Member<'a> {
+    fn of(number: usize, network: &'a InTraining<'a>) -> Option<Self> {
+        let model = &network.prepared.task.model;
+        let training = Training { physics: model.physics, ..model.keys.training(member_seed(model.keys, number)) };
+        let state = network.start(number)?;
+        let from = (state.epoch, Instant::now());
+        Some(Self { network, number, training, state, from, kept: None, stopped: None })
+    }
+
+    fn job(&mut self) -> Result<Job<'_>, TrainingError> {
+        let Self { network, number, training, state, from, kept, stopped } = self;
+        let Prepared { core, rows, validation, .. } = &network.prepared;
+        let start = state.clone();
+        let each = move |epoch: &Epoch, now: &State| {
+            state.clone_from(now);
+            match network.goes_on(*number, *from, epoch, now, kept) {
                 Ok(()) => ControlFlow::Continue(()),
                 Err(fault) => {
-                    work.keep(&states_bytes(&states, state));
-                    stopped = Some(fault);
+                    *stopped = Some(fault);
                     ControlFlow::Break(())
                 }
             }
         };
-        let mut last = None;
-        let mut each_kept = |epoch: &Epoch, state: &State| {
-            last = Some(state.clone());
-            each(epoch, state)
-        };
-        let found = core.train(state.clone(), &training, rows, validation, &mut each_kept);
-        let found = found.map_err(fault)?;
-        if let Some(fault) = stopped {
-            return Err(fault);
-        }
-        states.push(last.unwrap_or(state));
-        trained.push(found);
+        core.job(start, training, rows, validation.as_ref(), Box::new(each))
     }
-    Ok(trained)
+
+    fn end(self, found: Result<Trained, TrainingError>) -> Result<(State, Trained), Fault> {
+        match self.stopped {
+            Some(stopped) => Err(stopped),
+            None => Ok((self.state, found.map_err(fault)?)),
+        }
+    }
 }
 
 fn fault(error: TrainingError) -> Fault {
@@ -471,45 +193,6 @@ fn read_states(mut bytes: &[u8]) -> Option<Vec<State>> {
         bytes = rest;
     }
     Some(states)
-}
-
-/// The losses of all epochs, as rows of the table.
-fn curve(trained: &[Trained]) -> Vec<Term> {
-    let mut out = vec![];
-    for (m, member) in trained.iter().enumerate() {
-        let key = |what: &str| if m == 0 { format!("epoch_{what}") } else { format!("member{}.epoch_{what}", m + 1) };
-        let of = |value: fn(&Epoch) -> f64| member.epochs.iter().map(value).collect::<Vec<f64>>();
-        out.extend(list(&key("training"), &of(|e| e.train_loss)));
-        let validation = of(|e| e.validation_loss);
-        if validation.iter().any(|loss| loss.is_finite()) {
-            out.extend(list(&key("validation"), &validation));
-        }
-        out.extend(list(&key("rate"), &of(|e| e.learning_rate)));
-    }
-    out
-}
-
-fn warning(keys: &Network, samples: &Samples, constant: &[usize], trained: &[Trained], validated: bool) -> String {
-    let mut all = vec![];
-    if !constant.is_empty() {
-        let names: Vec<&str> = constant.iter().map(|&i| samples.names[i].as_str()).collect();
-        all.push(format!("constant, so no inputs of the network: `{}`", names.join("`, `")));
-    }
-    let epochs = keys.epochs + keys.lbfgs_epochs;
-    if validated && trained.iter().any(|t| t.best == epochs) {
-        all.push("the validation loss still fell at the last epoch: more `epochs` would do better".to_owned());
-    }
-    let ratio = |t: &Trained| {
-        let best = t.epochs.get(t.best.checked_sub(1)?)?;
-        Some(best.validation_loss / best.train_loss)
-    };
-    let worst = trained.iter().filter_map(ratio).filter(|r| r.is_finite()).fold(0.0, f64::max);
-    if validated && worst > OVERFITS {
-        all.push(format!(
-            "the loss on the lines of `validation` is {worst:.1} times that of the training: the network overfits"
-        ));
-    }
-    all.join("; ")
 }
 
 #[cfg(test)]

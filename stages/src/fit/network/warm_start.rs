@@ -6,7 +6,7 @@ use learning::{
 };
 use schemas::Fault;
 
-use super::{Network, training::Core};
+use super::{Network, core::Core};
 use crate::{
     fit::samples::Samples,
     trained::{Layers, Learned, Parts},

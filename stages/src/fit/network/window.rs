@@ -13,6 +13,7 @@ params! {
 }
 
 /// What makes features of a window.
+#[derive(Clone, Copy)]
 pub struct Window {
     /// How.
     pub memory: Memory,
@@ -27,16 +28,18 @@ impl WindowKeys {
     pub fn with(&self, memory: Memory) -> Window {
         Window { memory, window: self.window, units: self.units }
     }
+}
 
+impl Window {
     /// How much more work a sample is for its window.
     pub fn effort(&self) -> f64 {
         (self.window * self.units) as f64
     }
 
-    /// What is wrong with the keys.
-    pub fn faults(&self, memory: Memory) -> Vec<Fault> {
+    /// What is wrong with its keys.
+    pub fn faults(&self) -> Vec<Fault> {
         let what = format!("convolutions see a power of two of samples, and not {}", self.window);
-        let wrong = memory == Memory::Tcn && !self.window.is_power_of_two();
+        let wrong = self.memory == Memory::Tcn && !self.window.is_power_of_two();
         wrong.then(|| Fault::new(what).of_param("window")).into_iter().collect()
     }
 }

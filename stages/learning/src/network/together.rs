@@ -1,0 +1,316 @@
+//! Training by Adam and L-BFGS, of several networks at a time.
+
+use std::ops::ControlFlow;
+
+use numerics::random::SplitMix64;
+
+use super::loss::Loss;
+use super::objective::{Objective, Part, Pass, Rows};
+use super::shape::{Form, Layer, Shape, Stream, derived_seed};
+use super::state::State;
+use super::training::{Epoch, Optimiser, Samples, Schedule, Trained, Training, TrainingError};
+use super::windowed::{Model, Runs, Windowed};
+
+const TRAIN: &str = "to train on";
+const VALIDATE: &str = "to validate with";
+
+/// Is handed every epoch and the state after it, and may end the training there.
+pub type Each<'a> = dyn FnMut(&Epoch, &State) -> ControlFlow<()> + 'a;
+
+/// Trains a network from a start, or on from the state at the end of an epoch of the same training.
+///
+/// The answer is the same to the last bit on any number of threads, for a training that was stopped and goes on, and
+/// beside others ([`train_together`]).
+///
+/// # Errors
+/// Fails without samples, for lengths that do not fit, values that are not finite, settings out of their range, a
+/// patience without validation, and with [`TrainingError::Diverged`] when loss or parameters are no longer finite.
+pub fn train(
+    shape: &Shape,
+    start: State,
+    training: &Training,
+    samples: &Samples<'_>,
+    validation: Option<&Samples<'_>>,
+    each: &mut Each<'_>,
+) -> Result<Trained, TrainingError> {
+    alone(Job::new(shape, start, training, *samples, validation.copied(), Box::new(each))?)
+}
+
+/// Trains a network over windows, as [`train`]. Every sample of the runs is predicted once an epoch, with its window; sparse group
+/// lasso is on the weights that the inputs have in the memory, and dropout on the features, too.
+///
+/// # Errors
+/// Fails as [`train`], and for lengths of runs that do not add up to the samples.
+pub fn train_windowed(
+    network: &Windowed,
+    start: State,
+    training: &Training,
+    runs: &Runs<'_>,
+    validation: Option<&Runs<'_>>,
+    each: &mut Each<'_>,
+) -> Result<Trained, TrainingError> {
+    alone(Job::windowed(network, start, training, runs, validation, Box::new(each))?)
+}
+
+fn alone(mut job: Job<'_>) -> Result<Trained, TrainingError> {
+    run(&mut [&mut job]);
+    job.trained()
+}
+
+/// Trains several networks, each as if it were alone. Those that take the same samples of the same inputs in the same order (one
+/// slice of inputs, one seed, one size of batches) share a pass over them, so that the inputs of a batch are gathered once. A job
+/// that could not begin is answered by its error.
+pub fn train_together(mut jobs: Vec<Result<Job<'_>, TrainingError>>) -> Vec<Result<Trained, TrainingError>> {
+    run(&mut jobs.iter_mut().flatten().collect::<Vec<_>>());
+    jobs.into_iter().map(|job| job?.trained()).collect()
+}
+
+fn run(jobs: &mut [&mut Job<'_>]) {
+    let mut pass = Pass::default();
+    loop {
+        // Those that are behind go first, so that networks that were stopped at different epochs come together.
+        let going = jobs.iter().enumerate().filter(|(_, job)| job.ended.is_none());
+        let Some((first, next)) = going.min_by_key(|(_, job)| job.state.epoch) else { return };
+        let together =
+            |(at, job): (usize, &&mut Job<'_>)| at == first || (job.ended.is_none() && job.shares_with(next));
+        let together: Vec<bool> = jobs.iter().enumerate().map(together).collect();
+        let now = jobs.iter_mut().zip(together).filter_map(|(job, now)| now.then_some(&mut **job));
+        epoch(&mut now.collect::<Vec<_>>(), &mut pass);
+    }
+}
+
+/// Samples, and for a network over a window the first row of the run of each.
+pub(super) type Placed<'a> = (Samples<'a>, Vec<u32>);
+
+/// A training among several.
+pub struct Job<'a> {
+    model: Model<'a>,
+    training: &'a Training,
+    samples: Samples<'a>,
+    validation: Option<Placed<'a>>,
+    layers: Vec<Layer>,
+    objective: Objective<'a>,
+    state: State,
+    gradient: Vec<f64>,
+    each: Box<Each<'a>>,
+    /// How it ended; nothing while it goes on.
+    ended: Option<Result<(), TrainingError>>,
+}
+
+impl<'a> Job<'a> {
+    /// The training of a network of each sample alone, as [`train`].
+    ///
+    /// # Errors
+    /// As [`train`], but for those that show in training.
+    pub fn new(
+        shape: &'a Shape,
+        start: State,
+        training: &'a Training,
+        samples: Samples<'a>,
+        validation: Option<Samples<'a>>,
+        each: Box<Each<'a>>,
+    ) -> Result<Self, TrainingError> {
+        let validation = validation.map(|samples| (samples, vec![]));
+        Self::of(shape.into(), start, training, (samples, vec![]), validation, each)
+    }
+
+    /// The training of a network over windows, as [`train_windowed`].
+    ///
+    /// # Errors
+    /// As [`train_windowed`], but for those that show in training.
+    pub fn windowed(
+        network: &'a Windowed,
+        start: State,
+        training: &'a Training,
+        runs: &Runs<'a>,
+        validation: Option<&Runs<'a>>,
+        each: Box<Each<'a>>,
+    ) -> Result<Self, TrainingError> {
+        let placed = |runs: &Runs<'a>| Ok((runs.samples, runs.first_rows()?));
+        let validation = validation.map(placed).transpose()?;
+        Self::of(network.into(), start, training, placed(runs)?, validation, each)
+    }
+
+    fn of(
+        model: Model<'a>,
+        state: State,
+        training: &'a Training,
+        (samples, first): Placed<'a>,
+        validation: Option<Placed<'a>>,
+        each: Box<Each<'a>>,
+    ) -> Result<Self, TrainingError> {
+        model.check()?;
+        let plain = model.head.form == Form::Plain;
+        samples.check(model, TRAIN, !plain || training.physics > 0.0)?;
+        validation.as_ref().map_or(Ok(()), |(samples, _)| samples.check(model, VALIDATE, !plain))?;
+        training.check(model, &state, validation.is_some())?;
+        let mut objective = Objective::new(model, training, samples, first, &state.tolles_lawson);
+        objective.hold_fixed(&state.parameters);
+        let ended = training.ends(&state).then_some(Ok(()));
+        let (layers, gradient) = (model.layers(), vec![0.0; state.parameters.len()]);
+        Ok(Self { model, training, samples, validation, layers, objective, state, gradient, each, ended })
+    }
+
+    /// Its part in the means over a batch.
+    fn part(&mut self, batch: usize) -> Part<'_, 'a> {
+        let (training, state) = (self.training, &self.state);
+        let numbers = [Stream::Dropout as u64, state.epoch as u64, batch as u64];
+        let dropout = (training.dropout > 0.0).then(|| derived_seed(training.seed, &numbers));
+        let (objective, gradient) = (&mut self.objective, &mut self.gradient);
+        Part { objective, parameters: &state.parameters, dropout, gradient }
+    }
+
+    fn by_adam(&self) -> bool {
+        self.state.epoch < self.training.epochs
+    }
+
+    /// Whether the next epochs of both take the same rows of the same inputs.
+    fn shares_with(&self, other: &Job<'_>) -> bool {
+        let alike = |job: &Job<'_>| {
+            let Training { seed, batch, .. } = *job.training;
+            (job.model.windowed.is_none(), job.by_adam(), job.samples.y.len(), seed, batch, job.state.epoch)
+        };
+        let gathers = self.model.windowed.is_none() && self.by_adam();
+        gathers && alike(self) == alike(other) && std::ptr::eq(self.samples.x, other.samples.x)
+    }
+
+    /// What follows the steps of an epoch.
+    fn conclude(&mut self, train_loss: f64, learning_rate: f64) {
+        let (training, state) = (self.training, &mut self.state);
+        state.epoch += 1;
+        let of = |samples| mean_loss(self.model, training.loss, &state.parameters, samples);
+        let validation_loss = self.validation.as_ref().map_or(f64::NAN, of);
+        let finite = train_loss.is_finite()
+            && (self.validation.is_none() || validation_loss.is_finite())
+            && state.parameters.iter().all(|x| x.is_finite());
+        if !finite {
+            self.ended = Some(Err(TrainingError::Diverged { epoch: state.epoch, learning_rate }));
+            return;
+        }
+        if self.validation.is_some() {
+            judge(training, validation_loss, state);
+        }
+        let epoch = Epoch { train_loss, validation_loss, learning_rate };
+        state.epochs.push(epoch);
+        if (self.each)(&epoch, state).is_break() || training.ends(state) {
+            self.ended = Some(Ok(()));
+        }
+    }
+
+    fn trained(self) -> Result<Trained, TrainingError> {
+        self.ended.unwrap_or(Ok(()))?;
+        let State { parameters, epoch, best, best_epoch, epochs, .. } = self.state;
+        let (parameters, best) = if best.is_empty() { (parameters, epoch) } else { (best, best_epoch) };
+        Ok(Trained { parameters, epochs, best })
+    }
+}
+
+/// An epoch of trainings that share it.
+fn epoch(jobs: &mut [&mut Job<'_>], pass: &mut Pass) {
+    if jobs.iter().all(|job| job.by_adam()) {
+        let rates: Vec<f64> = jobs.iter().map(|job| job.training.rate(&job.state)).collect();
+        let losses = adam_epoch(jobs, &rates, pass);
+        for ((job, loss), rate) in jobs.iter_mut().zip(losses).zip(rates) {
+            job.conclude(loss, rate);
+        }
+    } else {
+        for job in jobs {
+            let loss = lbfgs_epoch(job);
+            job.conclude(loss, f64::NAN);
+        }
+    }
+}
+
+/// Keeps the parameters of the least validation loss, and lowers the learning rate on a plateau.
+fn judge(training: &Training, validation_loss: f64, state: &mut State) {
+    state.on_plateau += 1;
+    if validation_loss < state.best_loss {
+        (state.best_loss, state.best_epoch, state.on_plateau) = (validation_loss, state.epoch, 0);
+        state.best.clone_from(&state.parameters);
+    }
+    if let Schedule::Plateau { patience, factor } = training.schedule
+        && state.on_plateau >= patience
+    {
+        state.rate_factor *= factor;
+        state.on_plateau = 0;
+    }
+}
+
+/// The mean loss of the errors over samples.
+pub(super) fn mean_loss(model: Model<'_>, loss: Loss, parameters: &[f64], (samples, first): &Placed<'_>) -> f64 {
+    let predicted = model.predict(parameters, samples, first);
+    let sum: f64 = predicted.iter().zip(samples.y).map(|(predicted, y)| loss.at(predicted - y).0).sum();
+    sum / samples.y.len() as f64
+}
+
+/// The order of the samples in an epoch, from 0: Fisher and Yates's shuffle of their numbers.
+pub(super) fn order(samples: usize, seed: u64, epoch: usize) -> Vec<u32> {
+    let mut bits = SplitMix64::new(derived_seed(seed, &[Stream::Order as u64, epoch as u64]));
+    let mut order: Vec<u32> = (0..samples as u32).collect();
+    for last in (1..samples).rev() {
+        let with = (u128::from(bits.draw()) * (last as u128 + 1)) >> 64;
+        order.swap(last, with as usize);
+    }
+    order
+}
+
+/// An epoch of Adam of trainings that share it; the mean loss of each over its samples.
+fn adam_epoch(jobs: &mut [&mut Job<'_>], rates: &[f64], pass: &mut Pass) -> Vec<f64> {
+    let Some(first) = jobs.first() else { return vec![] };
+    let rows = first.samples.y.len();
+    let order = order(rows, first.training.seed, first.state.epoch);
+    let batches = rows.div_ceil(first.training.batch);
+    let mut sums = vec![0.0; jobs.len()];
+    for batch in 0..batches {
+        let (first, end) = (share(batch, batches, rows), share(batch + 1, batches, rows));
+        let mut parts: Vec<Part<'_, '_>> = jobs.iter_mut().map(|job| job.part(batch)).collect();
+        let means = pass.means(&mut parts, Rows::These(&order[first..end]));
+        for (((job, mean), sum), rate) in jobs.iter_mut().zip(means).zip(&mut sums).zip(rates) {
+            *sum += mean.loss * (end - first) as f64;
+            if mean.objective.is_finite() {
+                adam_step(&job.layers, job.training, *rate, &job.gradient, &mut job.state);
+            } else {
+                *sum = f64::NAN;
+            }
+        }
+        if sums.iter().all(|sum| sum.is_nan()) {
+            break;
+        }
+    }
+    sums.into_iter().map(|sum| sum / rows as f64).collect()
+}
+
+/// Where a batch begins: all have as many rows, but for one.
+fn share(batch: usize, batches: usize, rows: usize) -> usize {
+    (batch as u128 * rows as u128 / batches as u128) as usize
+}
+
+fn adam_step(layers: &[Layer], training: &Training, learning_rate: f64, gradient: &[f64], state: &mut State) {
+    let Optimiser { beta_1, beta_2, epsilon, .. } = training.optimiser;
+    state.powers = [state.powers[0] * beta_1, state.powers[1] * beta_2];
+    let [first, second] = state.powers.map(|power| 1.0 - power);
+    if training.weight_decay > 0.0 {
+        let factor = 1.0 - learning_rate * training.weight_decay;
+        for layer in layers {
+            state.parameters[layer.range()].iter_mut().for_each(|weight| *weight *= factor);
+        }
+    }
+    let (step, root) = (learning_rate / first, second.sqrt());
+    let moments = state.first_moments.iter_mut().zip(&mut state.second_moments);
+    for ((parameter, g), (mean, square)) in state.parameters.iter_mut().zip(gradient).zip(moments) {
+        *mean = beta_1 * *mean + (1.0 - beta_1) * g;
+        *square = beta_2 * *square + (1.0 - beta_2) * g * g;
+        *parameter -= step * *mean / (square.sqrt() / root + epsilon);
+    }
+}
+
+/// A step of L-BFGS; the mean loss after it.
+fn lbfgs_epoch(job: &mut Job<'_>) -> f64 {
+    let Job { training, state, objective, gradient, .. } = job;
+    let memory = training.optimiser.lbfgs_memory;
+    state.lbfgs.step(&mut state.parameters, memory, &mut |parameters, gradient| {
+        objective.at(parameters, Rows::All, None, gradient).objective
+    });
+    // The line search may have ended on another step than it evaluated last.
+    objective.at(&state.parameters, Rows::All, None, gradient).loss
+}

@@ -1,0 +1,122 @@
+//! The points of a sweep of fits whose models learn of samples, and what networks among them share.
+
+use std::collections::BTreeMap;
+
+use rayon::prelude::*;
+use schemas::{Fault, Work};
+
+use super::{
+    FitGather,
+    model::Learnt,
+    network::{NetworkInputs, SharedInputs, Task, learn_together},
+    problem::Problem,
+    samples::{PointWork, Samples},
+    solve::{Solved, solved},
+};
+
+/// The most networks that go through the samples together: each has rows of its own for linear terms and target.
+const TEAM: usize = 4;
+
+impl FitGather {
+    /// The models that learn of the points at `places`, which have one matrix, one target and the same entries.
+    pub(super) fn learnt(
+        &self,
+        problem: &Result<Problem, Fault>,
+        places: &[usize],
+        work: &dyn Work,
+    ) -> Vec<Result<Solved, Fault>> {
+        let problem = match problem {
+            Ok(problem) => problem,
+            Err(fault) => return places.iter().map(|_| Err(fault.clone())).collect(),
+        };
+        let mut groups: BTreeMap<InputsKey<'_>, Vec<usize>> = BTreeMap::new();
+        for &place in places {
+            groups.entry(self.inputs_key(place)).or_default().push(place);
+        }
+        let of_group = |group: Vec<usize>| -> Vec<(usize, Result<Solved, Fault>)> {
+            let samples = problem.samples();
+            let inputs = self.shared_inputs(&samples, &group);
+            let teams = self.teams(&group);
+            let answers = teams.par_iter().with_max_len(1).flat_map_iter(|team| {
+                let learnt = self.learnt_together(&samples, team, inputs.as_ref(), work);
+                let solved = learnt.into_iter().map(|learnt| solved(problem, &samples, learnt?));
+                team.iter().copied().zip(solved.collect::<Vec<_>>())
+            });
+            answers.collect()
+        };
+        // Not all at once: the inputs of a group are as large as the samples.
+        let groups: Vec<Vec<usize>> = groups.into_values().collect();
+        let answers = groups.into_par_iter().with_max_len(1).flat_map_iter(of_group);
+        let mut answers: BTreeMap<usize, Result<Solved, Fault>> = answers.collect();
+        let lost = || Err(Fault::bug("a training was lost"));
+        places.iter().map(|place| answers.remove(place).unwrap_or_else(lost)).collect()
+    }
+
+    fn inputs_key(&self, place: usize) -> InputsKey<'_> {
+        let point = &self.points[place];
+        let network = point.model.network().filter(|_| matches!(self.starts[place], Ok(None)));
+        InputsKey {
+            network: network.map(|network| (network.keys.inputs.as_deref(), network.keys.validation.as_slice())),
+            whiten: point.settings.whiten.map(f64::to_bits),
+        }
+    }
+
+    /// The inputs that several networks share.
+    fn shared_inputs(&self, samples: &Samples, group: &[usize]) -> Option<SharedInputs> {
+        let first = &self.points[*group.first().filter(|_| group.len() > 1)?];
+        let network = first.model.network().filter(|_| self.inputs_key(group[0]).network.is_some())?;
+        Some(NetworkInputs::of(network.keys, samples, first.settings.whiten, None))
+    }
+
+    /// The points of a group in the order of their places, those together that go through the samples in one order.
+    fn teams(&self, group: &[usize]) -> Vec<Vec<usize>> {
+        let mut teams: BTreeMap<Option<(usize, usize)>, Vec<usize>> = BTreeMap::new();
+        for &place in group {
+            let network = self.points[place].model.network();
+            let shares = self.inputs_key(place).network.is_some();
+            let network = network.filter(|network| shares && network.window.is_none());
+            teams.entry(network.map(|network| (network.keys.seed, network.keys.batch))).or_default().push(place);
+        }
+        let team = |(order, places): (Option<_>, Vec<usize>)| {
+            let most = if order.is_some() { TEAM } else { 1 };
+            places.chunks(most).map(<[usize]>::to_vec).collect::<Vec<_>>()
+        };
+        teams.into_iter().flat_map(team).collect()
+    }
+
+    /// What the points of a team learn, which are networks where they are several.
+    fn learnt_together(
+        &self,
+        samples: &Samples,
+        team: &[usize],
+        inputs: Option<&SharedInputs>,
+        work: &dyn Work,
+    ) -> Vec<Result<Learnt, Fault>> {
+        let work = |point: usize| PointWork { work, point };
+        if let [place] = *team
+            && self.points[place].model.network().is_none()
+        {
+            let point = &self.points[place];
+            return vec![point.model.learn(samples, &point.settings, &work(place))];
+        }
+        let task = |&place: &usize| {
+            let point = &self.points[place];
+            let model = point.model.network().ok_or_else(|| Fault::bug("a model learns with networks and is none"))?;
+            let start = self.starts[place].as_ref().map_err(Clone::clone)?.as_ref();
+            Ok(Task { model, settings: &point.settings, start, inputs, work: work(place) })
+        };
+        match team.iter().map(task).collect::<Result<Vec<Task<'_>>, Fault>>() {
+            Ok(tasks) => learn_together(&tasks, samples),
+            Err(fault) => team.iter().map(|_| Err(fault.clone())).collect(),
+        }
+    }
+}
+
+/// What the inputs of a network depend on beside the samples.
+#[derive(PartialEq, Eq, PartialOrd, Ord)]
+struct InputsKey<'a> {
+    /// The keys `inputs` and `validation`; none of another model, and of a network that begins as another one, which brings
+    /// their scales along.
+    network: Option<(Option<&'a [String]>, &'a [String])>,
+    whiten: Option<u64>,
+}

@@ -1,0 +1,287 @@
+//! What the trainings of a network begin with, and the model that they end with.
+
+use std::sync::Arc;
+
+use learning::{
+    inputs::InputsError,
+    network::{Epoch, Form, Shape, TermScaling, Trained, Windowed},
+};
+use numerics::{random::seed_of, regression::statistics};
+use schemas::Fault;
+
+use super::{
+    Network, NetworkInputs, NetworkModel, SharedInputs, Window,
+    core::{Core, Scaled},
+    warm_start::WarmStart,
+};
+use crate::{
+    fit::{
+        model::Learnt,
+        samples::{PointWork, Samples},
+        settings::Settings,
+    },
+    trained::{self, Learned, Term, list},
+};
+
+/// A validation loss of so many times the training loss is said to overfit.
+const OVERFITS: f64 = 4.0;
+
+/// The network of one point of a sweep, to be trained.
+pub struct Task<'a> {
+    /// The model.
+    pub model: NetworkModel<'a>,
+    /// What most models have in common.
+    pub settings: &'a Settings,
+    /// The model that the training begins with, in place of a random one.
+    pub start: Option<&'a Learned>,
+    /// The inputs that it shares with others; not with a start, which has its own.
+    pub inputs: Option<&'a SharedInputs>,
+    /// Where its states are kept.
+    pub work: PointWork<'a>,
+}
+
+/// A task with its inputs.
+pub struct Ready<'a> {
+    task: &'a Task<'a>,
+    warm: Option<WarmStart<'a>>,
+    inputs: Arc<NetworkInputs>,
+}
+
+impl<'a> Ready<'a> {
+    /// # Errors
+    /// As [`WarmStart::of`] and [`NetworkInputs::of`].
+    pub fn of(task: &'a Task<'a>, samples: &Samples) -> Result<Self, Fault> {
+        let warm = task.start.map(|model| WarmStart::of(model, task.model.form)).transpose()?;
+        let inputs = match task.inputs.filter(|_| warm.is_none()) {
+            Some(shared) => shared.clone()?,
+            None => NetworkInputs::of(task.model.keys, samples, task.settings.whiten, warm.as_ref())?,
+        };
+        Ok(Self { task, warm, inputs })
+    }
+
+    /// The network, with so many linear terms.
+    fn core(&self, linear: usize) -> Core {
+        let (model, scaling) = (&self.task.model, &self.inputs.scaling);
+        let usual = || self.warm.as_ref().map_or_else(|| model.hidden.to_vec(), WarmStart::hidden);
+        let head = Shape {
+            inputs: model.window.map_or_else(|| scaling.width(), |window| window.units),
+            linear,
+            hidden: model.keys.hidden.clone().unwrap_or_else(usual),
+            activation: model.keys.activation,
+            form: model.form,
+        };
+        match model.window {
+            None => Core::Dense(head),
+            Some(Window { memory, window, units }) => {
+                Core::Windowed(Windowed { memory, inputs: scaling.width(), window, units, head })
+            }
+        }
+    }
+}
+
+/// What the trainings of the members begin with.
+pub struct Prepared<'a> {
+    /// What is trained.
+    pub task: &'a Task<'a>,
+    /// The network.
+    pub core: Core,
+    /// The parameters that each member begins with.
+    pub members: Vec<Vec<f64>>,
+    /// The coefficients of the linear model, of scaled terms and in the scale of the target.
+    pub linear: Vec<f64>,
+    /// The rows to train on.
+    pub rows: Scaled<'a>,
+    /// The rows to validate with, where there are any.
+    pub validation: Option<Scaled<'a>>,
+    inputs: &'a NetworkInputs,
+    terms: TermScaling,
+    linear_at: Vec<usize>,
+    /// Mean and scale of the target, nT.
+    target: (f64, f64),
+    /// What is said of a start that is far away.
+    far: String,
+}
+
+impl<'a> Prepared<'a> {
+    /// # Errors
+    /// When the data do not determine the network, or it cannot begin as the one that is given.
+    pub fn of(ready: &'a Ready<'a>, samples: &Samples) -> Result<Self, Fault> {
+        let Ready { task, warm, inputs } = ready;
+        let Task { model, settings, .. } = task;
+        let NetworkInputs { at, lines: (train_on, validate_on), rows: (train, validate), .. } = inputs.as_ref();
+        let (linear_at, coefficients) = match model.linear {
+            Some(part) => {
+                let mut places = part.places(samples, model.all_features)?;
+                if let Some(warm) = warm {
+                    warm.order_terms(samples, &mut places)?;
+                }
+                let fitted = part.fit(samples, train_on, &places)?;
+                (places, fitted)
+            }
+            None => (vec![], vec![]),
+        };
+        let mut target = target(samples, train_on, &linear_at, &coefficients, model.form)?;
+        if let Some(warm) = warm {
+            target.1 = warm.scale_nt();
+        }
+        let in_scale: Vec<f64> = coefficients.iter().map(|b| b / target.1).collect();
+        let terms = term_scaling(samples, train_on, &linear_at, &in_scale, model.form, settings.whiten)?;
+        let scaled = |lines: &[usize], x, (mean, scale): (f64, f64)| Scaled {
+            x,
+            a: terms.apply(samples.columns(&linear_at, lines)),
+            y: samples.target(lines).iter().map(|y| (y - mean) / scale - terms.offset()).collect(),
+            runs: samples.runs(lines),
+        };
+        let core = ready.core(linear_at.len());
+        let linear = terms.coefficients(&in_scale);
+        let mut rows = scaled(train_on, train, if warm.is_some() { (0.0, target.1) } else { target });
+        let members: Vec<Vec<f64>> = match warm {
+            Some(warm) => {
+                warm.check(model.keys, &core, samples)?;
+                let members = warm.members(model.form, &in_scale);
+                let members: Vec<Vec<f64>> = members.iter().map(|m| core.scaled(&terms, m)).collect();
+                // The constant of another aircraft is not that of this one.
+                let left = members.iter().flat_map(|m| {
+                    let made = core.predict(m, &rows);
+                    rows.y.iter().zip(made).map(|(y, made)| y - made).collect::<Vec<f64>>()
+                });
+                let mean = statistics::mean(&left.collect::<Vec<f64>>()).value;
+                if !mean.is_finite() {
+                    return Err(warm.fault("predicts numbers that are not finite on these lines"));
+                }
+                target.0 = mean * target.1;
+                rows.y.iter_mut().for_each(|y| *y -= mean);
+                members
+            }
+            None => (0..model.keys.members).map(|m| core.initial(member_seed(model.keys, m), &linear)).collect(),
+        };
+        let far = warm.as_ref().map(|warm| warm.far(samples, at, train_on)).unwrap_or_default();
+        let validation = (!validate_on.is_empty()).then(|| scaled(validate_on, validate, target));
+        Ok(Self { task, core, members, linear, rows, validation, inputs, terms, linear_at, target, far })
+    }
+
+    /// The scale of the target, nT.
+    pub fn scale_nt(&self) -> f64 {
+        self.target.1
+    }
+
+    /// The model that the members were trained to.
+    ///
+    /// # Errors
+    /// When its parameters do not fit it, or the samples of a network over a window have no rate.
+    pub fn learnt(self, samples: &Samples, trained: &[Trained]) -> Result<Learnt, Fault> {
+        let names = |at: &[usize]| at.iter().map(|&i| samples.names[i].clone()).collect::<Vec<_>>();
+        let parameters = trained.iter().map(|t| self.core.original(&self.terms, &t.parameters)).collect();
+        let NetworkInputs { at, constant, scaling, .. } = self.inputs;
+        let (inputs, scaling) = (names(at), scaling.clone());
+        let model = match self.core {
+            Core::Dense(shape) => {
+                let linear = names(&self.linear_at);
+                Learned::Network(trained::Network::new(inputs, scaling, linear, shape, parameters, self.target)?)
+            }
+            Core::Windowed(windowed) => {
+                let rate_hz = samples.rate_hz()?;
+                let network =
+                    trained::WindowedNetwork::new(inputs, scaling, windowed, parameters, self.target, rate_hz)?;
+                Learned::Windowed(network)
+            }
+        };
+        let first = trained.first().ok_or_else(|| Fault::bug("nothing was trained"))?;
+        Ok(Learnt {
+            model,
+            chosen: first.best as f64,
+            curve: curve(trained),
+            warning: [self.far, warning(self.task.model.keys, samples, constant, trained, self.validation.is_some())]
+                .into_iter()
+                .filter(|said| !said.is_empty())
+                .collect::<Vec<_>>()
+                .join("; "),
+        })
+    }
+}
+
+/// How the linear terms are scaled for the training.
+fn term_scaling(
+    samples: &Samples,
+    lines: &[usize],
+    at: &[usize],
+    tolles_lawson: &[f64],
+    form: Form,
+    whiten: Option<f64>,
+) -> Result<TermScaling, Fault> {
+    let found = TermScaling::of(form, &samples.columns(at, lines), at.len(), whiten, tolles_lawson);
+    found.map_err(|e| {
+        let whitening = matches!(e, InputsError::Keep { .. });
+        let fault = Fault::data(e.to_string());
+        if whitening { fault.of_param("whiten") } else { fault }
+    })
+}
+
+/// Mean and scale of what the network is to explain.
+fn target(
+    samples: &Samples,
+    lines: &[usize],
+    linear_at: &[usize],
+    coefficients: &[f64],
+    form: Form,
+) -> Result<(f64, f64), Fault> {
+    let mut y = samples.target(lines);
+    match form {
+        Form::Plain | Form::Weights => {}
+        Form::FixedLinear | Form::TrainedLinear | Form::WeightsAroundFixed => {
+            let a = samples.columns(linear_at, lines);
+            let rows = a.chunks_exact(coefficients.len().max(1));
+            let explained = |row: &[f64]| row.iter().zip(coefficients).map(|(a, b)| a * b).sum::<f64>();
+            y.iter_mut().zip(rows).for_each(|(y, row)| *y -= explained(row));
+        }
+    }
+    let (mean, scale) = (statistics::mean(&y).value, statistics::std(&y).value);
+    if !(scale > 0.0 && scale.is_finite()) {
+        return Err(Fault::data("the target is constant: there is nothing to learn").of_param("target"));
+    }
+    Ok((mean, scale))
+}
+
+/// The seed of a member's first weights, batches and dropout.
+pub fn member_seed(keys: &Network, member: usize) -> u64 {
+    seed_of(keys.seed as u64, &["member", &member.to_string()])
+}
+
+/// The losses of all epochs, as rows of the table.
+fn curve(trained: &[Trained]) -> Vec<Term> {
+    let mut out = vec![];
+    for (m, member) in trained.iter().enumerate() {
+        let key = |what: &str| if m == 0 { format!("epoch_{what}") } else { format!("member{}.epoch_{what}", m + 1) };
+        let of = |value: fn(&Epoch) -> f64| member.epochs.iter().map(value).collect::<Vec<f64>>();
+        out.extend(list(&key("training"), &of(|e| e.train_loss)));
+        let validation = of(|e| e.validation_loss);
+        if validation.iter().any(|loss| loss.is_finite()) {
+            out.extend(list(&key("validation"), &validation));
+        }
+        out.extend(list(&key("rate"), &of(|e| e.learning_rate)));
+    }
+    out
+}
+
+fn warning(keys: &Network, samples: &Samples, constant: &[usize], trained: &[Trained], validated: bool) -> String {
+    let mut all = vec![];
+    if !constant.is_empty() {
+        let names: Vec<&str> = constant.iter().map(|&i| samples.names[i].as_str()).collect();
+        all.push(format!("constant, so no inputs of the network: `{}`", names.join("`, `")));
+    }
+    let epochs = keys.epochs + keys.lbfgs_epochs;
+    if validated && trained.iter().any(|t| t.best == epochs) {
+        all.push("the validation loss still fell at the last epoch: more `epochs` would do better".to_owned());
+    }
+    let ratio = |t: &Trained| {
+        let best = t.epochs.get(t.best.checked_sub(1)?)?;
+        Some(best.validation_loss / best.train_loss)
+    };
+    let worst = trained.iter().filter_map(ratio).filter(|r| r.is_finite()).fold(0.0, f64::max);
+    if validated && worst > OVERFITS {
+        all.push(format!(
+            "the loss on the lines of `validation` is {worst:.1} times that of the training: the network overfits"
+        ));
+    }
+    all.join("; ")
+}
