@@ -25,11 +25,7 @@ use crate::{
     keys::Key,
     plan::{Graph, LineId, Plan, Recorded},
     spec::Faults,
-    store::{
-        Store,
-        attempts::{Attempt, Tries},
-        kernel,
-    },
+    store::{Store, attempts::Tries, kernel},
 };
 
 /// The limits of a worker.
@@ -195,7 +191,7 @@ impl Bench<'_> {
             }
             Err(fault) => return wanted.iter().map(|u| failed(u, &fault)).collect(),
         }
-        let tries: Vec<Tries> = wanted.iter().map(|u| store.attempts_of(u.key)).collect();
+        let tries = store.attempts_at(&wanted.iter().map(|u| u.key).collect::<Vec<_>>());
         if tries.iter().any(|t| t.all() > 0) {
             // A worker that was lost may have written some of them, under names that depend on what it found.
             store.refresh();
@@ -248,8 +244,8 @@ impl Bench<'_> {
             let wanted = together.units.iter().filter(|u| !u.have);
             wanted.map(|u| Answer::of(u, Outcome::Failed, Some(fault.clone()))).collect()
         };
-        let attempts: Vec<(Key, Attempt)> = match keys.iter().map(|key| Ok((*key, store.attempt(*key)?))).collect() {
-            Ok(attempts) => attempts,
+        let attempt = match store.attempt(&keys) {
+            Ok(attempt) => attempt,
             Err(fault) => return all(&fault),
         };
         let units = u32::try_from(keys.len()).unwrap_or(u32::MAX);
@@ -267,12 +263,7 @@ impl Bench<'_> {
         let receipt = in_time(limit, work, late);
         let passing = receipt.units.iter().filter_map(|a| Some((a.key, a.fault.as_ref()?)));
         let passing: HashMap<Key, &Fault> = passing.filter(|(_, fault)| !fault.owner.is_lasting()).collect();
-        for (key, attempt) in attempts {
-            match passing.get(&key) {
-                Some(why) => attempt.fail(why),
-                None => attempt.end(),
-            }
-        }
+        attempt.end(store, &passing);
         receipt.units
     }
 }

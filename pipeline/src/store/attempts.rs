@@ -1,15 +1,18 @@
 //! The workers that are computing a unit, or were lost while they did.
 //!
-//! Each is a file `attempts/<key>/<n>` that is created exclusively, and says where and when. It is removed when the unit has
-//! its answer, and when the worker is told to stop; so what is left over is of workers that were killed, by the unit or by
-//! others. Where the worker lives and the unit has no answer all the same, as after a panic, the file stays and says why.
-//! The files are not synced to the disk: a loss of power is not the fault of a unit.
+//! An attempt at some units, which a worker computes together, is a file `attempts/<name>`, that says where and when, and then
+//! the keys of the units, one a line. It is removed when the units have their answers, and when the worker is told to stop; so
+//! what is left over is of workers that were killed, by one of the units or by others. Where the worker lives and a unit has
+//! no answer all the same, as after a panic, the file stays, with this unit alone, and says why. The files are not synced to
+//! the disk: a loss of power is not the fault of a unit.
+//!
+//! In an object store each unit has an object of its own, `attempts/<key>/<n>`, which is created exclusively: a worker looks
+//! for those of its units alone, and not at what all others are doing.
 
 use std::{
     collections::HashMap,
-    fs::{self, OpenOptions},
-    io::{self, Write},
-    path::{Path, PathBuf},
+    fs,
+    path::PathBuf,
     sync::{Arc, Mutex, MutexGuard, PoisonError},
     time::Duration,
 };
@@ -42,22 +45,20 @@ impl Marker {
     fn remove(&self) {
         // What cannot be removed counts as an attempt that was lost, which costs one of those that the unit has.
         match self {
-            Marker::File(file) => {
-                let _ = fs::remove_file(file);
-                let _ = file.parent().map(fs::remove_dir);
-            }
+            Marker::File(file) => drop(fs::remove_file(file)),
             Marker::Object(remote, key) => drop(remote.bucket().remove(key)),
         }
     }
 
-    /// Adds a line, after what it says already.
-    fn add(&self, before: &str, line: &str) {
+    /// Says something else.
+    fn rewrite(&self, text: String, store: &Store) {
         // Without it the worker counts as lost.
         match self {
             Marker::File(file) => {
-                drop(OpenOptions::new().append(true).open(file).and_then(|mut file| file.write_all(line.as_bytes())));
+                let new = store.temporary();
+                drop(fs::write(&new, text).and_then(|()| fs::rename(&new, file)));
             }
-            Marker::Object(remote, key) => drop(remote.bucket().put(key, format!("{before}{line}").into_bytes())),
+            Marker::Object(remote, key) => drop(remote.bucket().put(key, text.into_bytes())),
         }
     }
 }
@@ -75,32 +76,33 @@ pub fn withdraw() {
     all.iter().for_each(Marker::remove);
 }
 
-/// The beginning of the line of a file that says why the unit has no answer.
+/// What is before the words that say why a unit has no answer.
 const WHY: &str = "failed: ";
 
-/// An attempt to compute a unit.
+/// An attempt to compute some units.
 #[must_use]
 pub struct Attempt {
-    marker: Marker,
+    /// Where it is written down, with the units that are.
+    markers: Vec<(Marker, Vec<Key>)>,
     who: String,
 }
 
 impl Attempt {
-    /// The unit has its answer, or the worker stops.
-    pub fn end(self) {
-        self.leave();
-        self.marker.remove();
-    }
-
-    /// The worker lives, and the unit has no answer.
-    pub fn fail(self, why: &Fault) {
-        self.leave();
-        let line = format!("{WHY}{}\n", why.to_string().replace('\n', " "));
-        self.marker.add(&self.who, &line);
-    }
-
-    fn leave(&self) {
-        under_way().retain(|marker| !marker.is(&self.marker));
+    /// The units have their answers, or the worker stops; but for those that failed while the worker lives.
+    pub fn end(self, store: &Store, failed: &HashMap<Key, &Fault>) {
+        for (marker, keys) in &self.markers {
+            under_way().retain(|other| !other.is(marker));
+            let left = keys.iter().filter_map(|key| {
+                let why = failed.get(key)?.to_string().replace('\n', " ");
+                Some(format!("{key} {WHY}{why}\n"))
+            });
+            let left: String = left.collect();
+            if left.is_empty() {
+                marker.remove();
+            } else {
+                marker.rewrite(format!("{}{left}", self.who), store);
+            }
+        }
     }
 }
 
@@ -116,23 +118,15 @@ pub struct Tries {
 }
 
 impl Tries {
-    fn of(folder: &Path) -> Tries {
-        let text = |n: u64| fs::read_to_string(folder.join(n.to_string())).unwrap_or_default();
-        Tries::of_texts(numbers(folder).into_iter().map(text))
-    }
-
-    fn of_texts(texts: impl Iterator<Item = String>) -> Tries {
-        let mut found = Tries::default();
-        for text in texts {
-            match text.lines().find_map(|line| line.strip_prefix(WHY)) {
-                Some(why) => {
-                    found.failed += 1;
-                    found.why = Some(why.to_owned());
-                }
-                None => found.lost += 1,
+    /// Adds one, with what is said of the unit.
+    fn add(&mut self, said: &str) {
+        match said.strip_prefix(WHY) {
+            Some(why) => {
+                self.failed += 1;
+                self.why = Some(why.to_owned());
             }
+            None => self.lost += 1,
         }
-        found
     }
 
     /// All of them.
@@ -141,9 +135,15 @@ impl Tries {
     }
 }
 
-fn numbers(folder: &Path) -> Vec<u64> {
-    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
-    entries.filter_map(|e| e.file_name().to_str()?.parse().ok()).collect()
+/// The units of the text of an attempt, each with what is said of it.
+fn units(text: &str) -> impl Iterator<Item = (Key, &str)> {
+    text.lines().skip(1).filter_map(unit)
+}
+
+/// The unit of a line, with what is said of it; none of a line that was cut.
+fn unit(line: &str) -> Option<(Key, &str)> {
+    let (key, said) = line.split_once(' ').unwrap_or((line, ""));
+    Some((Key::parse(key)?, said))
 }
 
 /// What an attempt in an object store says.
@@ -153,76 +153,80 @@ fn said(remote: &Remote, name: &str) -> String {
 }
 
 impl Store {
-    fn attempts_at(&self, key: Key) -> PathBuf {
-        self.root().join(FOLDER).join(key.to_string())
+    /// The texts of all attempts in the folder, with their files.
+    fn attempts_in_folder(&self) -> impl Iterator<Item = (PathBuf, String)> {
+        let files = fs::read_dir(self.root().join(FOLDER)).into_iter().flatten().flatten();
+        // One that ends meanwhile is none.
+        files.filter_map(|file| Some((file.path(), fs::read_to_string(file.path()).ok()?)))
     }
 
-    /// The attempts at the unit `key`.
-    pub fn attempts_of(&self, key: Key) -> Tries {
+    /// The attempts at some units.
+    pub fn attempts_at(&self, keys: &[Key]) -> Vec<Tries> {
         if let Some(remote) = self.remote() {
-            let found = remote.attempts_at(key).unwrap_or_default();
-            return Tries::of_texts(found.iter().map(|(_, name)| said(remote, name)));
+            let of = |key: &Key| {
+                let mut found = Tries::default();
+                for (_, name) in remote.attempts_at(*key).unwrap_or_default() {
+                    units(&said(remote, &name)).for_each(|(_, said)| found.add(said));
+                }
+                found
+            };
+            return keys.iter().map(of).collect();
         }
-        Tries::of(&self.attempts_at(key))
+        let all = self.attempts();
+        keys.iter().map(|key| all.get(key).cloned().unwrap_or_default()).collect()
     }
 
     /// The attempts at all units that have any.
     pub fn attempts(&self) -> HashMap<Key, Tries> {
+        let mut found: HashMap<Key, Tries> = HashMap::new();
+        let mut add = |text: &str| units(text).for_each(|(key, said)| found.entry(key).or_default().add(said));
         if let Some(remote) = self.remote() {
             let all = remote.bucket().list(FOLDER).unwrap_or_default();
-            let mut texts: HashMap<Key, Vec<String>> = HashMap::new();
-            for object in all {
-                if let Some(key) = object.key.split('/').nth(1).and_then(Key::parse) {
-                    texts.entry(key).or_default().push(said(remote, &object.key));
-                }
-            }
-            return texts.into_iter().map(|(key, texts)| (key, Tries::of_texts(texts.into_iter()))).collect();
+            all.iter().for_each(|object| add(&said(remote, &object.key)));
+        } else {
+            self.attempts_in_folder().for_each(|(_, text)| add(&text));
         }
-        let folders = fs::read_dir(self.root().join(FOLDER)).into_iter().flatten().flatten();
-        let one = |e: fs::DirEntry| Some((Key::parse(e.file_name().to_str()?)?, Tries::of(&e.path())));
-        folders.filter_map(one).filter(|(_, tries)| tries.all() > 0).collect()
+        found
     }
 
-    /// Begins an attempt at the unit `key`.
+    /// Begins an attempt at some units.
     ///
     /// # Errors
     /// Fails when the file system refuses.
-    pub fn attempt(&self, key: Key) -> Result<Attempt, Fault> {
-        const TRIALS: u64 = 1000;
-        let who = format!("{} process {} {}\n", kernel(), std::process::id(), clock::now());
+    pub fn attempt(&self, keys: &[Key]) -> Result<Attempt, Fault> {
+        // Each process and thread creates another text.
+        let (kernel, process, unique) = (kernel(), std::process::id(), uuid::Uuid::new_v4());
+        let who = format!("{kernel} process {process} {} {unique}\n", clock::now());
+        let mut attempt = Attempt { markers: vec![], who };
         if let Some(remote) = self.remote() {
-            // Each process and thread creates another text.
-            let who = format!("{} {}\n", who.trim_end(), uuid::Uuid::new_v4());
-            let first = remote.attempts_at(key)?.into_iter().map(|(n, _)| n).max().unwrap_or(0) + 1;
-            for n in first..first + TRIALS {
-                let name = format!("{FOLDER}/{key}/{n}");
-                if remote.bucket().create(&name, who.as_bytes())? {
-                    let marker = Marker::Object(remote.clone(), name);
-                    under_way().push(marker.clone());
-                    return Ok(Attempt { marker, who });
-                }
+            for key in keys {
+                let name = match new_object(remote, *key, &attempt.who) {
+                    Ok(name) => name,
+                    Err(fault) => {
+                        attempt.end(self, &HashMap::new());
+                        return Err(fault);
+                    }
+                };
+                let marker = Marker::Object(remote.clone(), name);
+                under_way().push(marker.clone());
+                attempt.markers.push((marker, vec![*key]));
             }
-            return Err(Fault::machine(format!("cannot find a free name for an attempt at {key}")));
+            return Ok(attempt);
         }
-        let folder = self.attempts_at(key);
-        let fail = |e: io::Error| trouble("write", &folder, &e);
-        let first = numbers(&folder).into_iter().max().unwrap_or(0) + 1;
-        for n in first..first + TRIALS {
-            fs::create_dir_all(&folder).map_err(fail)?;
-            let file = folder.join(n.to_string());
-            match OpenOptions::new().write(true).create_new(true).open(&file) {
-                Ok(mut opened) => {
-                    let marker = Marker::File(file);
-                    under_way().push(marker.clone());
-                    opened.write_all(who.as_bytes()).map_err(fail)?;
-                    return Ok(Attempt { marker, who });
-                }
-                // Another worker began one, or ended the last one and removed the folder.
-                Err(e) if matches!(e.kind(), io::ErrorKind::AlreadyExists | io::ErrorKind::NotFound) => {}
-                Err(e) => return Err(fail(e)),
+        let folder = self.root().join(FOLDER);
+        let file = folder.join(unique.simple().to_string());
+        let lines: String = keys.iter().map(|key| format!("{key}\n")).collect();
+        let marker = Marker::File(file.clone());
+        under_way().push(marker.clone());
+        attempt.markers.push((marker, keys.to_vec()));
+        let new = self.temporary();
+        match fs::write(&new, format!("{}{lines}", attempt.who)).and_then(|()| fs::rename(&new, &file)) {
+            Ok(()) => Ok(attempt),
+            Err(e) => {
+                attempt.end(self, &HashMap::new());
+                Err(trouble("write", &file, &e))
             }
         }
-        Err(Fault::machine(format!("cannot find a free name in {}", folder.display())))
     }
 
     /// Removes the attempts at units that are `done`, and those as old as `older_than`.
@@ -235,14 +239,32 @@ impl Store {
             let _ = remote.drop_objects(FOLDER, &gone);
             return;
         }
-        for folder in fs::read_dir(self.root().join(FOLDER)).into_iter().flatten().flatten() {
-            let old = || older_than.is_some_and(|than| is_old(&folder.path(), than));
-            if folder.file_name().to_str().and_then(Key::parse).is_some_and(&done) || old() {
-                // What stays is removed another time.
-                let _ = fs::remove_dir_all(folder.path());
+        for (file, text) in self.attempts_in_folder() {
+            let old = older_than.is_some_and(|than| is_old(&file, than));
+            let is_left = |line: &&str| unit(line).is_some_and(|(key, _)| !old && !done(key));
+            let left: Vec<&str> = text.lines().skip(1).filter(is_left).collect();
+            let marker = Marker::File(file);
+            if left.is_empty() {
+                marker.remove();
+            } else if left.len() + 1 < text.lines().count() {
+                let who = text.lines().next().unwrap_or_default();
+                marker.rewrite(format!("{who}\n{}\n", left.join("\n")), self);
             }
         }
     }
+}
+
+/// Creates the object of an attempt at a unit; its name.
+fn new_object(remote: &Remote, key: Key, who: &str) -> Result<String, Fault> {
+    const TRIALS: u64 = 1000;
+    let first = remote.attempts_at(key)?.into_iter().map(|(n, _)| n).max().unwrap_or(0) + 1;
+    for n in first..first + TRIALS {
+        let name = format!("{FOLDER}/{key}/{n}");
+        if remote.bucket().create(&name, format!("{who}{key}\n").as_bytes())? {
+            return Ok(name);
+        }
+    }
+    Err(Fault::machine(format!("cannot find a free name for an attempt at {key}")))
 }
 
 #[cfg(test)]
@@ -256,28 +278,39 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let store = Store::open(folder.path()).unwrap();
         let (one, two) = (Key::of(["one"]), Key::of(["two"]));
-        let count = |key| store.attempts_of(key).all();
+        let count = |key| store.attempts_at(&[key])[0].all();
+        let none = HashMap::new();
         assert_eq!((count(one), store.attempts().len()), (0, 0));
-        let (first, second) = (store.attempt(one).unwrap(), store.attempt(one).unwrap());
-        assert!(!first.marker.is(&second.marker), "each has a file of its own");
-        assert_eq!((count(one), count(two)), (2, 0));
-        first.end();
-        assert_eq!(store.attempts(), HashMap::from([(one, Tries { lost: 1, ..Tries::default() })]));
-        // The number of one that ended may be taken again, that of one at work may not.
-        let third = store.attempt(one).unwrap();
-        let Marker::File(file) = &third.marker else { unreachable!("a store in a folder") };
-        assert_eq!((count(one), file.file_name().unwrap().to_str()), (2, Some("3")));
-        third.fail(&Fault::bug("a\npanic"));
-        let tries = store.attempts_of(one);
-        assert_eq!((tries.lost, tries.failed), (1, 1));
-        assert!(tries.why.unwrap().starts_with("a panic: an error"));
-        second.end();
+        let (first, second) = (store.attempt(&[one]).unwrap(), store.attempt(&[one, two]).unwrap());
+        assert_eq!((count(one), count(two)), (2, 1));
+        first.end(&store, &none);
+        let lost = Tries { lost: 1, ..Tries::default() };
+        assert_eq!(store.attempts(), HashMap::from([(one, lost.clone()), (two, lost.clone())]));
+        // Of two units one fails and the worker lives.
+        second.end(&store, &HashMap::from([(one, &Fault::bug("a\npanic"))]));
+        let tries = store.attempts_at(&[two, one]);
+        assert_eq!((tries[0].all(), tries[1].lost, tries[1].failed), (0, 0, 1));
+        assert!(tries[1].why.as_ref().unwrap().starts_with("a panic: an error"), "{:?}", tries[1].why);
+        // A worker that was lost, one of whose units another one has computed.
+        std::mem::forget(store.attempt(&[one, two]).unwrap());
+        assert_eq!((count(one), count(two)), (2, 1));
         store.drop_attempts(|key| key == one, None);
-        assert!(!store.attempts_at(one).exists());
-        withdraw();
-        std::mem::forget(store.attempt(two).unwrap());
-        assert_eq!(count(two), 1);
+        assert_eq!(store.attempts(), HashMap::from([(two, lost)]));
         withdraw();
         assert_eq!(store.attempts().len(), 0);
+        std::mem::forget(store.attempt(&[two]).unwrap());
+        store.drop_attempts(|_| false, Some(Duration::ZERO));
+        assert_eq!(fs::read_dir(store.root().join(FOLDER)).unwrap().count(), 0);
+    }
+
+    #[test]
+    fn unit_a_text_that_is_cut_anywhere_names_no_other_unit() {
+        let (one, two) = (Key::of(["one"]), Key::of(["two"]));
+        let text = format!("here process 1\n{one}\n{two} failed: a panic\n");
+        for end in 0..text.len() {
+            let found: Vec<Key> = units(&text[..end]).map(|(key, _)| key).collect();
+            assert!([one, two].starts_with(&found), "{end}: {found:?}");
+        }
+        assert_eq!(units(&text).collect::<Vec<_>>(), [(one, ""), (two, "failed: a panic")]);
     }
 }

@@ -12,7 +12,7 @@
 //! runs/<pipeline>.jsonl       the history of its runs
 //! costs/<pipeline>.json        what its tables took: for `explain --cost`, and part of no key
 //! checkpoints/<key>           the state of a unit that takes minutes, until it is done
-//! attempts/<key>/<n>          a worker of another process computes the unit, or was lost while it did
+//! attempts/<name>             units that a worker of another process computes, or was lost while it did
 //! damaged/                    packs that did not verify
 //! locks/                      per pipeline a file, locked by its run, and the lease that says whose it is
 //! tmp/                        files being written; renamed when complete

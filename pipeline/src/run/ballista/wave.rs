@@ -453,7 +453,7 @@ impl<'a> Handing<'a> {
     fn is_at_work(&self, tasks: &[usize]) -> bool {
         let store = self.wave.worker.store();
         let units = tasks.iter().flat_map(|i| self.wave.tasks[*i].units.iter().filter(|u| !u.have));
-        units.into_iter().any(|unit| store.attempts_of(unit.key).lost > 0)
+        store.attempts_at(&units.map(|unit| unit.key).collect::<Vec<_>>()).iter().any(|tries| tries.lost > 0)
     }
 }
 

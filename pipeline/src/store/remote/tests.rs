@@ -1,6 +1,7 @@
 #![allow(clippy::unwrap_used)]
 
 use std::{
+    collections::HashMap,
     fmt,
     path::Path,
     sync::atomic::{AtomicBool, AtomicUsize},
@@ -353,11 +354,11 @@ fn unit_attempts_are_counted_over_all_hosts() {
     let lab = Lab::new();
     let (here, there) = (lab.host(), lab.host());
     let (one, two) = (Store::open(here.path()).unwrap(), Store::open(there.path()).unwrap());
-    let (first, second) = (one.attempt(key("a")).unwrap(), two.attempt(key("a")).unwrap());
-    assert_eq!((one.attempts_of(key("a")).lost, two.attempts().len()), (2, 1));
-    first.end();
-    second.fail(&Fault::bug("a panic"));
-    let tries = one.attempts_of(key("a"));
+    let (first, second) = (one.attempt(&[key("a")]).unwrap(), two.attempt(&[key("a")]).unwrap());
+    assert_eq!((one.attempts_at(&[key("a")])[0].lost, two.attempts().len()), (2, 1));
+    first.end(&one, &HashMap::new());
+    second.end(&two, &HashMap::from([(key("a"), &Fault::bug("a panic"))]));
+    let tries = one.attempts_at(&[key("a")]).remove(0);
     assert_eq!((tries.lost, tries.failed), (0, 1));
     assert!(tries.why.unwrap().starts_with("a panic"));
     one.drop_attempts(|unit| unit == key("a"), None);
@@ -433,9 +434,9 @@ fn unit_gc_drops_what_nothing_names_and_keeps_the_rest() {
     assert!(collect(&one, Collect { dry: false, ..what }).unwrap().busy);
     assert_eq!(lab.bucket.list("objects").unwrap().len(), 3);
     drop(lock);
-    let worker = two.attempt(key("z")).unwrap();
+    let worker = two.attempt(&[key("z")]).unwrap();
     assert!(collect(&one, Collect { dry: false, ..what }).unwrap().busy);
-    worker.end();
+    worker.end(&two, &HashMap::new());
     assert_eq!(collect(&one, Collect { dry: false, ..what }).unwrap().packs, 2);
     assert_eq!(lab.bucket.list("objects").unwrap().len(), 1);
     super::super::pulled(there.path()).unwrap();
