@@ -30,11 +30,12 @@ filter! {
     /// `sigma_adapted_<mag>`, and one whose noise grows loses its weight.
     ///
     /// With `noise_column`, the noise that a network or an ensemble expects of each sample, the factor is learnt that all of it is
-    /// wrong by, and its course over time is believed. Where the position is known less well than the measurement, just after
-    /// noise has ended, innovations tell little of the noise: the lower bound matters then, or `form = "residual"`.
+    /// wrong by, and its course over time is believed. Where the position is known less well than the measurement, at a wide start
+    /// or just after noise has ended, innovations tell little of the noise, and the default form moves it little; the others take it
+    /// to one of the bounds.
     ///
     /// Source: thesis 000, (5.46)-(5.49) and section 5.9.3; Mehra 1972; Mohamed & Schwarz 1999.
-    EkfAdaptive = "ekf_adaptive", version 1, groups [aiding: Aiding, further: Further], example "window = 50";
+    EkfAdaptive = "ekf_adaptive", version 2, groups [aiding: Aiding, further: Further], example "window = 50";
     /// Which noise is learnt: of the measurement (`"r"`), of the process (`"q"`), or both.
     adapt: Adapt, unit "", default Adapt::R;
     /// How many innovations are looked back on. With 50 the noise is known to 10 %. With 10, as MagNav.jl, it is near 0
@@ -44,10 +45,10 @@ filter! {
     sigma_min_nt: Option<f64>, unit "nT", absent "a twentieth of `measurement_sigma_nt`, or the smallest expected noise with `noise_column`", rule Rule::Positive;
     /// The largest noise that is learnt.
     sigma_max_nt: Option<f64>, unit "nT", absent "20 times `measurement_sigma_nt`, or 20 times the largest expected noise with `noise_column`", rule Rule::Positive;
-    /// How the innovations are matched: each with the covariance of its own time, or as MagNav.jl, which starts at the
-    /// mean of the bounds and takes the present covariance off all. `"residual"` takes what the correction leaves of each:
-    /// say it where the position may be known less well than it is measured, at a wide start or after much noise.
-    form: AdaptiveForm, unit "", default AdaptiveForm::Matched;
+    /// How the innovations are matched: by what the correction leaves of each (`"residual"`), each less the covariance of its
+    /// own time (`"matched"`, the default of version 1), or as MagNav.jl, which starts at the mean of the bounds and takes the
+    /// present covariance off all (`"compatible"`).
+    form: AdaptiveForm, unit "", default AdaptiveForm::Residual;
     /// A measurement whose squared innovation over its variance is above this is not used, but learnt from.
     gate_nis: Option<f64>, unit "1", absent "all measurements are used", rule Rule::Positive;
     /// How the process noise becomes a step's covariance: to second order, to first order as MagNav.jl, or exactly.

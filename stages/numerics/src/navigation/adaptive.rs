@@ -22,7 +22,7 @@
 //! # Where the position is known less well than it is measured
 //!
 //! H P Hᵀ is then large beside R, and v² − H P Hᵀ a small difference of large numbers, of either sign: a few such innovations put
-//! R̂ at one of its bounds, and at the lower one the filter believes what it measures. [`AdaptiveForm::Residual`] takes the
+//! R̂ at one of its bounds, and at the lower one the filter believes what it measures. [`AdaptiveForm::Residual`], the default, takes the
 //! expected square of the noise given the sample's own measurement instead [Mohamed & Schwarz 1999; Dempster, Laird & Rubin 1977],
 //!
 //! ```text
@@ -102,15 +102,15 @@ choice! {
     /// How R is made of the innovations.
     #[derive(Default)]
     pub enum AdaptiveForm {
-        /// Every innovation against the covariance of its own time, from the expected noise on.
+        /// By what the correction leaves of every innovation, from the expected noise on: it holds where the position is known less
+        /// well than it is measured, too.
         #[default]
+        Residual = "residual",
+        /// Every innovation against the covariance of its own time, from the expected noise on.
         Matched = "matched",
         /// As MagNav.jl: the mean of the bounds until the window is full, then the covariance of the present sample
         /// against all innovations. For comparing figures with that program.
         Compatible = "compatible",
-        /// By what the correction leaves of every innovation: for a position that may be known less well than it is measured, as
-        /// that of a wide start or after much noise.
-        Residual = "residual",
     }
 }
 
@@ -138,7 +138,7 @@ impl Default for AdaptiveParameters {
     fn default() -> Self {
         Self {
             adapt: Adapt::R,
-            form: AdaptiveForm::Matched,
+            form: AdaptiveForm::Residual,
             window: 50,
             relative: false,
             gate_nis: None,

@@ -241,7 +241,8 @@ fn law_a_short_window_without_bounds_believes_too_much() {
         let ins = flight.ins.series();
         let line = flight.line(&ins, &measured, &sigma);
         for (place, window) in windows.into_iter().enumerate() {
-            let parameters = AdaptiveParameters { window, ..AdaptiveParameters::default() };
+            let form = AdaptiveForm::Matched;
+            let parameters = AdaptiveParameters { window, form, ..AdaptiveParameters::default() };
             let output = run(&parameters, &line, &[Magnetometer::of(&line, 0.05, 500.0)]).unwrap();
             let sigmas = &output.magnetometers[0].sigma_nt[100..];
             let information = sigmas.iter().map(|sigma| 25.0 / sigma.powi(2)).sum::<f64>() / sigmas.len() as f64;

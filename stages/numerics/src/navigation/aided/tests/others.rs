@@ -5,7 +5,7 @@ use std::cell::Cell;
 
 use super::flights::{Consistency, SAMPLES, consistency_of, difference_nt, drifting, lasting_error_nt};
 use super::*;
-use crate::navigation::adaptive::{self, Adapt, AdaptiveForm, AdaptiveParameters};
+use crate::navigation::adaptive::{self, Adapt, AdaptiveParameters};
 use crate::navigation::crlb::{self, TruePath};
 use crate::navigation::fixed_lag::{self, FixedLagParameters, Keep};
 use crate::navigation::line::NavigationLine;
@@ -303,8 +303,8 @@ fn flown(name: &str, by: impl Fn(&NavigationLine<'_>, &Aids<'_>) -> NavigationOu
 fn law_every_filter_is_as_good_as_it_says_with_a_difference_and_a_map_that_errs() {
     let ekf = flown("ekf", |line, aids| run(line, aids, &AidedParameters::default()).unwrap().navigation);
     let adaptive = flown("ekf_adaptive", |line, aids| {
-        // The map's error of a step is larger than the noise.
-        let parameters = AdaptiveParameters { form: AdaptiveForm::Residual, ..AdaptiveParameters::default() };
+        // The map's error of a step is larger than the noise, which the default form is for.
+        let parameters = AdaptiveParameters::default();
         let magnetometer = adaptive::Magnetometer::of(line, 0.2, 40.0);
         let output = adaptive::run_aided(&parameters, line, &[magnetometer], aids).unwrap();
         output.line.navigation
