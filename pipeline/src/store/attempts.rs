@@ -6,11 +6,11 @@
 //! no answer all the same, as after a panic, the file stays, with this unit alone, and says why. The files are not synced to
 //! the disk: a loss of power is not the fault of a unit.
 //!
-//! In an object store each unit has an object of its own, `attempts/<key>/<n>`, which is created exclusively: a worker looks
-//! for those of its units alone, and not at what all others are doing.
+//! In an object store it is an object for every [`MOST`] units, `attempts/<name>-<marks>`. The marks are the first digits of
+//! the keys, so that one listing tells a worker which objects may be about its units, and it reads no others.
 
 use std::{
-    collections::HashMap,
+    collections::{HashMap, HashSet},
     fs,
     path::PathBuf,
     sync::{Arc, Mutex, MutexGuard, PoisonError},
@@ -19,11 +19,22 @@ use std::{
 
 use schemas::Fault;
 
-use super::{Store, remote::Remote, tend::is_old, trouble, unfinished::kernel};
-use crate::{clock, keys::Key};
+use super::{
+    Store,
+    remote::{Remote, is_object_old},
+    tend::is_old,
+    trouble,
+    unfinished::kernel,
+};
+use crate::{clock, keys::Key, remote::each};
 
 /// The folder of a store that holds them.
 pub const FOLDER: &str = "attempts";
+/// The digits of a key that are its mark, those of the name before them, and the most units of an object: some servers store
+/// objects as files, whose names are made of those of the objects and have at most 255 bytes.
+const MARK: usize = 4;
+const NAME: usize = 16;
+const MOST: usize = 24;
 
 /// Where an attempt is written down.
 #[derive(Clone)]
@@ -146,10 +157,42 @@ fn unit(line: &str) -> Option<(Key, &str)> {
     Some((Key::parse(key)?, said))
 }
 
-/// What an attempt in an object store says.
-fn said(remote: &Remote, name: &str) -> String {
-    let bytes = remote.bucket().get(name).ok().flatten().unwrap_or_default();
-    String::from_utf8_lossy(&bytes).into_owned()
+/// The attempts at each unit, by their texts.
+fn counted(texts: &[String]) -> HashMap<Key, Tries> {
+    let mut found: HashMap<Key, Tries> = HashMap::new();
+    for (key, said) in texts.iter().flat_map(|text| units(text)) {
+        found.entry(key).or_default().add(said);
+    }
+    found
+}
+
+fn mark(key: Key) -> String {
+    key.to_string().chars().take(MARK).collect()
+}
+
+/// Whether the object of this name may be about a unit with one of these marks.
+fn may_be_of(name: &str, marks: &HashSet<String>) -> bool {
+    let own = name.rsplit_once('-').map_or("", |(_, own)| own);
+    own.as_bytes().chunks(MARK).any(|one| std::str::from_utf8(one).is_ok_and(|one| marks.contains(one)))
+}
+
+/// The texts of the attempts in an object store, of those whose names are `wanted`.
+fn in_objects(remote: &Remote, wanted: impl Fn(&str) -> bool) -> Vec<String> {
+    // What cannot be read now is read when the next units begin.
+    let all = remote.bucket().list(FOLDER).unwrap_or_default();
+    let names: Vec<String> = all.into_iter().map(|object| object.key).filter(|name| wanted(name)).collect();
+    let found = each(&names, |name| remote.bucket().get(name)).unwrap_or_default();
+    found.into_iter().flatten().map(|bytes| String::from_utf8_lossy(&bytes).into_owned()).collect()
+}
+
+/// What is left of the text of an attempt without the units that are `done`; nothing where it is `old`.
+fn left_of(text: &str, old: bool, done: &dyn Fn(Key) -> bool) -> String {
+    let is_left = |line: &&str| unit(line).is_some_and(|(key, _)| !old && !done(key));
+    let left: Vec<&str> = text.lines().skip(1).filter(is_left).collect();
+    match (text.lines().next(), left.is_empty()) {
+        (Some(who), false) => format!("{who}\n{}\n", left.join("\n")),
+        (Some(_) | None, _) => String::new(),
+    }
 }
 
 impl Store {
@@ -162,31 +205,22 @@ impl Store {
 
     /// The attempts at some units.
     pub fn attempts_at(&self, keys: &[Key]) -> Vec<Tries> {
-        if let Some(remote) = self.remote() {
-            let of = |key: &Key| {
-                let mut found = Tries::default();
-                for (_, name) in remote.attempts_at(*key).unwrap_or_default() {
-                    units(&said(remote, &name)).for_each(|(_, said)| found.add(said));
-                }
-                found
-            };
-            return keys.iter().map(of).collect();
-        }
-        let all = self.attempts();
+        let all = match self.remote() {
+            Some(remote) => {
+                let marks: HashSet<String> = keys.iter().map(|key| mark(*key)).collect();
+                counted(&in_objects(remote, |name| may_be_of(name, &marks)))
+            }
+            None => self.attempts(),
+        };
         keys.iter().map(|key| all.get(key).cloned().unwrap_or_default()).collect()
     }
 
     /// The attempts at all units that have any.
     pub fn attempts(&self) -> HashMap<Key, Tries> {
-        let mut found: HashMap<Key, Tries> = HashMap::new();
-        let mut add = |text: &str| units(text).for_each(|(key, said)| found.entry(key).or_default().add(said));
-        if let Some(remote) = self.remote() {
-            let all = remote.bucket().list(FOLDER).unwrap_or_default();
-            all.iter().for_each(|object| add(&said(remote, &object.key)));
-        } else {
-            self.attempts_in_folder().for_each(|(_, text)| add(&text));
+        match self.remote() {
+            Some(remote) => counted(&in_objects(remote, |_| true)),
+            None => counted(&self.attempts_in_folder().map(|(_, text)| text).collect::<Vec<_>>()),
         }
-        found
     }
 
     /// Begins an attempt at some units.
@@ -198,29 +232,29 @@ impl Store {
         let (kernel, process, unique) = (kernel(), std::process::id(), uuid::Uuid::new_v4());
         let who = format!("{kernel} process {process} {} {unique}\n", clock::now());
         let mut attempt = Attempt { markers: vec![], who };
+        let lines = |keys: &[Key]| -> String { keys.iter().map(|key| format!("{key}\n")).collect() };
         if let Some(remote) = self.remote() {
-            for key in keys {
-                let name = match new_object(remote, *key, &attempt.who) {
-                    Ok(name) => name,
-                    Err(fault) => {
-                        attempt.end(self, &HashMap::new());
-                        return Err(fault);
-                    }
-                };
-                let marker = Marker::Object(remote.clone(), name);
+            for (i, some) in keys.chunks(MOST).enumerate() {
+                let marks: String = some.iter().map(|key| mark(*key)).collect();
+                let own: String = unique.simple().to_string().chars().take(NAME).collect();
+                let name = format!("{FOLDER}/{own}{i:03}-{marks}");
+                let marker = Marker::Object(remote.clone(), name.clone());
                 under_way().push(marker.clone());
-                attempt.markers.push((marker, vec![*key]));
+                attempt.markers.push((marker, some.to_vec()));
+                if let Err(fault) = remote.bucket().put(&name, format!("{}{}", attempt.who, lines(some)).into_bytes()) {
+                    attempt.end(self, &HashMap::new());
+                    return Err(fault);
+                }
             }
             return Ok(attempt);
         }
         let folder = self.root().join(FOLDER);
         let file = folder.join(unique.simple().to_string());
-        let lines: String = keys.iter().map(|key| format!("{key}\n")).collect();
         let marker = Marker::File(file.clone());
         under_way().push(marker.clone());
         attempt.markers.push((marker, keys.to_vec()));
         let new = self.temporary();
-        match fs::write(&new, format!("{}{lines}", attempt.who)).and_then(|()| fs::rename(&new, &file)) {
+        match fs::write(&new, format!("{}{}", attempt.who, lines(keys))).and_then(|()| fs::rename(&new, &file)) {
             Ok(()) => Ok(attempt),
             Err(e) => {
                 attempt.end(self, &HashMap::new());
@@ -232,39 +266,43 @@ impl Store {
     /// Removes the attempts at units that are `done`, and those as old as `older_than`.
     pub fn drop_attempts(&self, done: impl Fn(Key) -> bool, older_than: Option<Duration>) {
         if let Some(remote) = self.remote() {
-            let gone = |name: &str, age: Duration| {
-                Key::parse(name).is_some_and(&done) || older_than.is_some_and(|than| age >= than)
-            };
             // What stays is removed another time.
-            let _ = remote.drop_objects(FOLDER, &gone);
+            let _ = drop_objects(remote, &done, older_than);
             return;
         }
         for (file, text) in self.attempts_in_folder() {
             let old = older_than.is_some_and(|than| is_old(&file, than));
-            let is_left = |line: &&str| unit(line).is_some_and(|(key, _)| !old && !done(key));
-            let left: Vec<&str> = text.lines().skip(1).filter(is_left).collect();
+            let left = left_of(&text, old, &done);
             let marker = Marker::File(file);
             if left.is_empty() {
                 marker.remove();
-            } else if left.len() + 1 < text.lines().count() {
-                let who = text.lines().next().unwrap_or_default();
-                marker.rewrite(format!("{who}\n{}\n", left.join("\n")), self);
+            } else if left != text {
+                marker.rewrite(left, self);
             }
         }
     }
 }
 
-/// Creates the object of an attempt at a unit; its name.
-fn new_object(remote: &Remote, key: Key, who: &str) -> Result<String, Fault> {
-    const TRIALS: u64 = 1000;
-    let first = remote.attempts_at(key)?.into_iter().map(|(n, _)| n).max().unwrap_or(0) + 1;
-    for n in first..first + TRIALS {
-        let name = format!("{FOLDER}/{key}/{n}");
-        if remote.bucket().create(&name, format!("{who}{key}\n").as_bytes())? {
-            return Ok(name);
+/// [`Store::drop_attempts`] in an object store.
+fn drop_objects(remote: &Remote, done: &dyn Fn(Key) -> bool, older_than: Option<Duration>) -> Result<(), Fault> {
+    let all = remote.bucket().list(FOLDER)?;
+    if all.is_empty() {
+        return Ok(());
+    }
+    let now = older_than.map(|_| remote.time()).transpose()?;
+    let read = each(&all, |object| remote.bucket().get_tagged(&object.key))?;
+    for (object, (bytes, tag)) in all.iter().zip(read).filter_map(|(object, read)| Some((object, read?))) {
+        let text = String::from_utf8_lossy(&bytes);
+        let old = older_than.zip(now).is_some_and(|(than, now)| is_object_old(object, than, now));
+        let left = left_of(&text, old, done);
+        if left.is_empty() {
+            remote.bucket().remove(&object.key)?;
+        } else if left != text {
+            // Where its worker has changed it since, that stands.
+            remote.bucket().replace(&object.key, left.as_bytes(), Some(tag))?;
         }
     }
-    Err(Fault::machine(format!("cannot find a free name for an attempt at {key}")))
+    Ok(())
 }
 
 #[cfg(test)]

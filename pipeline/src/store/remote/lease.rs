@@ -81,7 +81,10 @@ impl Remote {
     }
 
     /// The time by the server's clock.
-    pub(super) fn time(&self) -> Result<SystemTime, Fault> {
+    ///
+    /// # Errors
+    /// Fails when the server cannot be reached or refuses.
+    pub fn time(&self) -> Result<SystemTime, Fault> {
         let probe = format!("tmp/{}", Uuid::new_v4());
         self.bucket.put(&probe, b"\n".to_vec())?;
         let about = self.bucket.about(&probe);

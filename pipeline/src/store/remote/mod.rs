@@ -33,7 +33,7 @@ use serde::{Deserialize, Serialize};
 use uuid::Uuid;
 
 use super::{
-    LAYOUT, attempts,
+    LAYOUT,
     catalogue::{self, Pack},
     checkpoints, is_other_layout, make_folder,
     sealed::{self, Trouble},
@@ -45,6 +45,7 @@ use crate::{
     remote::{Address, Bucket, Listed, Place, cache, connect, each, place, supported},
 };
 pub use lease::RemoteLease;
+pub use tend::is_object_old;
 
 /// The file of a cache that says of which store it is.
 pub const MARK: &str = "REMOTE";
@@ -387,12 +388,5 @@ impl Remote {
     pub fn set_aside(&self, id: Key) {
         // Without the permission to write it stays, and is found damaged again.
         let _ = self.bucket.rename(&Remote::pack_key(id), &format!("damaged/{id}.parquet"));
-    }
-
-    /// The files of the folder `attempts/<key>`, each with its number.
-    pub(super) fn attempts_at(&self, key: Key) -> Result<Vec<(u64, String)>, Fault> {
-        let folder = format!("{}/{key}", attempts::FOLDER);
-        let all = self.bucket.list(&folder)?;
-        Ok(all.into_iter().filter_map(|o| Some((o.key.rsplit('/').next()?.parse().ok()?, o.key))).collect())
     }
 }

@@ -25,7 +25,7 @@ use crate::{
 const YOUNG: Duration = Duration::from_secs(3600);
 
 /// Whether an object is as old as `than`, at the time `now` of the server.
-fn is_old(about: &Listed, than: Duration, now: SystemTime) -> bool {
+pub fn is_object_old(about: &Listed, than: Duration, now: SystemTime) -> bool {
     than.is_zero() || now.duration_since(about.modified).is_ok_and(|age| age >= than)
 }
 
@@ -42,7 +42,7 @@ impl Remote {
     /// Fails when the server cannot be reached or refuses, and where the list of a newest version is damaged.
     pub fn collect(&self, store: &Store, what: Collect) -> Result<Collected, Fault> {
         let (alone, time) = (store.alone()?, self.time()?);
-        let is_old = |about: &Listed, than: Duration| is_old(about, than, time);
+        let is_old = |about: &Listed, than: Duration| is_object_old(about, than, time);
         let tried = self.bucket.list(attempts::FOLDER)?;
         let busy = alone.is_none() || self.is_busy()? || tried.iter().any(|o| !is_old(o, YOUNG));
         let mut done = Collected { busy, ..Collected::default() };

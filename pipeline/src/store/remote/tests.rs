@@ -365,6 +365,34 @@ fn unit_attempts_are_counted_over_all_hosts() {
     assert_eq!(two.attempts().len(), 0);
 }
 
+#[test]
+fn unit_an_attempt_at_many_units_is_few_objects_and_those_of_others_are_not_read() {
+    let lab = Lab::new();
+    let (here, there) = (lab.host(), lab.host());
+    let (one, two) = (Store::open(here.path()).unwrap(), Store::open(there.path()).unwrap());
+    let keys: Vec<Key> = (0..100).map(|i| key(&i.to_string())).collect();
+    let (mine, others) = keys.split_at(98);
+    let attempt = one.attempt(mine).unwrap();
+    let all = lab.bucket.list("attempts").unwrap();
+    assert_eq!(all.len(), 5);
+    assert!(all.iter().all(|o| o.key.rsplit('/').next().unwrap().len() <= 128));
+    let lost = |store: &Store, keys: &[Key]| store.attempts_at(keys).iter().map(|t| t.lost).collect::<Vec<_>>();
+    assert_eq!((lost(&two, mine), lost(&two, others)), (vec![1; 98], vec![0; 2]));
+    // An object without a mark of a unit is not read: one that would say so is passed over.
+    lab.bucket.put("attempts/strange-0000", format!("here\n{}\n", others[0]).into_bytes()).unwrap();
+    let marked = others[0].to_string().starts_with("0000");
+    assert_eq!(lost(&two, others), vec![usize::from(marked), 0]);
+    lab.bucket.remove("attempts/strange-0000").unwrap();
+    // Two fail while the worker lives; another host has computed the others and one of these.
+    let why = Fault::bug("a panic");
+    attempt.end(&one, &HashMap::from([(mine[0], &why), (mine[97], &why)]));
+    assert_eq!(lab.bucket.list("attempts").unwrap().len(), 2);
+    two.drop_attempts(|key| key == mine[0], None);
+    assert_eq!(two.attempts().keys().collect::<Vec<_>>(), [&mine[97]]);
+    two.drop_attempts(|_| false, Some(Duration::ZERO));
+    assert_eq!(lab.bucket.list("attempts").unwrap().len(), 0);
+}
+
 /// Publishes a table of one unit, and a small one beside it.
 fn publish(store: &Store, unit: &str, run: &str) -> Result<bool, Fault> {
     let publisher = mine(store.lock("p")?);
