@@ -226,6 +226,23 @@ fn user_a_killed_search_goes_on_and_ends_with_the_same_bytes() {
 }
 
 #[test]
+fn user_a_search_is_computed_again_with_all_of_its_trials() {
+    let bench = searched(TPE);
+    let first = events(&bench, &[]).pop().unwrap();
+    let before = bench.tables("store");
+    let again = events(&bench, &["--force"]).pop().unwrap();
+    assert_eq!((&again["computed"], &again["interrupted"]), (&0.into(), &false.into()));
+    let compared = again["compared"].as_array().unwrap();
+    // Every trial of every generation: as many scores as the search has computed.
+    for table in ["coefficients", "clean", "scores"] {
+        let found = compared.iter().find(|c| c["table"] == table).unwrap();
+        let computed = &first["tables"][table]["computed"];
+        assert_eq!((&found["units"], &found["differ"]), (computed, &0.into()), "{table}");
+    }
+    assert_eq!(bench.tables("store"), before);
+}
+
+#[test]
 fn user_a_search_finds_the_best_of_a_fine_sweep() {
     let bench = searched("trials = 32\ngeneration = 8");
     let sets = ["--set", "search.axes.trim=[20]", "--set", "store=store"];

@@ -9,7 +9,7 @@ use arrow_array::{Array, RecordBatch};
 use arrow_cast::display::array_value_to_string;
 use schemas::Fault;
 
-use super::{Failure, Listener, Options, run};
+use super::{Failure, Listener, as_planned};
 use crate::{
     keys::Key,
     plan::{Graph, Plan, Unit},
@@ -29,7 +29,7 @@ pub struct Compared {
 }
 
 /// Computes the table at position `table` of the plan again, or all tables, and compares them bit by bit with what the
-/// store holds. `None` where it was interrupted.
+/// store holds. Of a search these are the trials of the plan. `None` where it was interrupted.
 ///
 /// # Errors
 /// Fails when a source cannot be read, or the store cannot be read or written.
@@ -49,8 +49,7 @@ pub fn again(
     // What was refused has no result to compare.
     let keys: HashSet<Key> = units.filter_map(|u| graph.key(u).ok()).filter(|key| store.find(*key).is_some()).collect();
     let other = store.mirror(&store.temporary(), &keys).map_err(fail)?;
-    let options = Options { until: table, ..Options::default() };
-    if run(plan, &other, options, listener)?.interrupted {
+    if as_planned(plan, &other, table, listener)? {
         return Ok(None);
     }
     tables

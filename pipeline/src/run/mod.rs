@@ -19,6 +19,7 @@ mod publish;
 mod quality;
 mod remote;
 mod search;
+mod states;
 mod table;
 mod task;
 mod trials;
@@ -44,13 +45,14 @@ pub use trials::settled;
 
 pub(crate) use cut::Cut;
 pub(crate) use layout::Layout;
+use states::{State, States};
 use work::Worker;
 
 use crate::{
     clock,
     cost::{Rates, Watch},
     keys::Key,
-    plan::{Graph, LineId, Plan, Recorded, Ref, TableNode, Unit},
+    plan::{Graph, LineId, Plan, Recorded, Ref, Unit},
     sources::ReadStep,
     spec::{Course, Faults, Row, Scored, best},
     store::{Publisher, Store, attempts::Tries, current},
@@ -99,16 +101,6 @@ impl Summary {
     pub fn total(&self) -> Count {
         self.tables.iter().fold(Count::default(), |sum, (_, c)| sum + *c)
     }
-}
-
-/// The state of a unit.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum State {
-    Done,
-    /// It cannot be computed from the data; the same on every run.
-    Failed,
-    /// The machine failed, or one of its inputs is missing.
-    Missing,
 }
 
 /// The options of a run.
@@ -165,6 +157,14 @@ fn run_locked(
     }
     listener.hear(&Event::Finished { summary: &summary });
     Ok(summary)
+}
+
+/// Computes the points of `plan` once, those of a search too, whatever their scores say; whether it was interrupted.
+fn as_planned(plan: &Plan, store: &Store, until: Option<usize>, listener: &dyn Listener) -> Result<bool, Faults> {
+    let publisher = store.publisher(&plan.spec.name, false).map_err(|f| plan.spec.faults(vec![f]))?;
+    let pass = Pass { last: true, rows: &[], known: Some(&[]), relay: None };
+    let options = Options { until, ..Options::default() };
+    Ok(healed(plan, store, options, &publisher, listener, &pass)?.interrupted)
 }
 
 /// What a pass over a plan is for.
@@ -348,46 +348,6 @@ pub fn run_id(graph: &Graph) -> String {
         parts.extend(graph.units(t).map(key));
     }
     Key::of(parts).to_string().chars().take(16).collect()
-}
-
-/// The state of every unit.
-struct States<'a> {
-    graph: &'a Graph<'a>,
-    /// By table; the lines of a point one after another, then those of the next.
-    of: Vec<Vec<State>>,
-    /// Room for the lines of a point, by table.
-    width: Vec<usize>,
-}
-
-impl<'a> States<'a> {
-    fn new(graph: &'a Graph<'a>) -> States<'a> {
-        let tables = &graph.plan.tables;
-        let width = |(t, node): (usize, &TableNode)| match node.entry.grain {
-            Grain::Survey | Grain::Map => 1,
-            Grain::Line => graph.most_lines_of(t),
-        };
-        let width: Vec<usize> = tables.iter().enumerate().map(width).collect();
-        let of = tables.iter().zip(&width).map(|(node, w)| vec![State::Missing; node.len() * w]).collect();
-        States { graph, of, width }
-    }
-
-    fn place(&self, unit: Unit) -> Option<usize> {
-        let own = match unit.line {
-            None => 0,
-            Some(line) => self.graph.lines_of(unit.table, unit.instance).binary_search(&line).ok()?,
-        };
-        Some(unit.instance * self.width.get(unit.table)? + own)
-    }
-
-    fn get(&self, unit: Unit) -> State {
-        let found = self.place(unit).and_then(|i| self.of.get(unit.table)?.get(i));
-        found.copied().unwrap_or(State::Missing)
-    }
-
-    fn set(&mut self, unit: Unit, state: State) {
-        let found = self.place(unit).and_then(|i| self.of.get_mut(unit.table)?.get_mut(i));
-        found.into_iter().for_each(|s| *s = state);
-    }
 }
 
 struct Runner<'a> {

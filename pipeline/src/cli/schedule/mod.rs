@@ -83,12 +83,11 @@ impl ScheduleArgs {
     /// The tables that are named, in `plan`.
     ///
     /// # Errors
-    /// Fails for a table that is not there, and for a search, whose trials follow from all its tables.
+    /// Fails for a table that is not there, and for a part of a search, whose trials follow from its scores.
     pub fn named(&self, plan: &Plan) -> Result<Named, Fault> {
-        let given = [("--until", self.until.is_some()), ("--force", self.force.is_some())];
-        if let Some((flag, _)) = given.iter().find(|(_, given)| *given && plan.spec.search.is_some()) {
-            let fault = Fault::new(format!("`{flag}` is not for a spec with a `[search]`"));
-            return Err(fault.help("its trials follow from the scores of all its tables; leave it out"));
+        if let Some(search) = plan.spec.search.as_ref().filter(|_| self.until.is_some()) {
+            let fault = Fault::new("`--until` is not for a spec with a `[search]`");
+            return Err(fault.help(format!("its trials follow from the scores in `{}`; leave it out", search.table)));
         }
         let until = self.until.as_deref().map(|name| plan.table(name)).transpose()?;
         let force = match &self.force {

@@ -1,0 +1,59 @@
+//! What has become of each unit of a run so far.
+
+use schemas::Grain;
+
+use crate::plan::{Graph, TableNode, Unit};
+
+/// The state of a unit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum State {
+    /// Its result is in the store.
+    Done,
+    /// It cannot be computed from the data; the same on every run.
+    Failed,
+    /// The machine failed, or one of its inputs is missing.
+    Missing,
+}
+
+/// The state of every unit.
+pub struct States<'a> {
+    graph: &'a Graph<'a>,
+    /// By table; the lines of a point one after another, then those of the next.
+    of: Vec<Vec<State>>,
+    /// Room for the lines of a point, by table.
+    width: Vec<usize>,
+}
+
+impl<'a> States<'a> {
+    /// All are missing.
+    pub fn new(graph: &'a Graph<'a>) -> States<'a> {
+        let tables = &graph.plan.tables;
+        let width = |(t, node): (usize, &TableNode)| match node.entry.grain {
+            Grain::Survey | Grain::Map => 1,
+            Grain::Line => graph.most_lines_of(t),
+        };
+        let width: Vec<usize> = tables.iter().enumerate().map(width).collect();
+        let of = tables.iter().zip(&width).map(|(node, w)| vec![State::Missing; node.len() * w]).collect();
+        States { graph, of, width }
+    }
+
+    fn place(&self, unit: Unit) -> Option<usize> {
+        let own = match unit.line {
+            None => 0,
+            Some(line) => self.graph.lines_of(unit.table, unit.instance).binary_search(&line).ok()?,
+        };
+        Some(unit.instance * self.width.get(unit.table)? + own)
+    }
+
+    /// That of a unit.
+    pub fn get(&self, unit: Unit) -> State {
+        let found = self.place(unit).and_then(|i| self.of.get(unit.table)?.get(i));
+        found.copied().unwrap_or(State::Missing)
+    }
+
+    /// Takes note of that of a unit.
+    pub fn set(&mut self, unit: Unit, state: State) {
+        let found = self.place(unit).and_then(|i| self.of.get_mut(unit.table)?.get_mut(i));
+        found.into_iter().for_each(|s| *s = state);
+    }
+}
