@@ -3,8 +3,8 @@
 
     python pipeline/benches/tasks.py --magline target/debug/magline
 
-Processor seconds of children, by their `rusage`: other programs on the machine change them little. Every way must end with the
-same published bytes, which is checked.
+Processor seconds of children, by their `rusage`, all on one processor: two threads of one core take more of them for the same work.
+Every way must end with the same published bytes, which is checked.
 """
 
 import argparse
@@ -18,9 +18,14 @@ from pathlib import Path
 from growth import spec, write
 
 
+# What runs a command on one processor.
+PINNED = ["taskset", "--cpu-list", "0"]
+
+
 def processor(command, folder, stdin=""):
-    """Processor seconds of a command and its children, and its output."""
+    """Processor seconds of a command and its children on one processor, and its output."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    command = [*PINNED, *command]
     done = subprocess.run(command, cwd=folder, input=stdin, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     if done.returncode != 0:

@@ -30,9 +30,9 @@ use crate::{
 };
 
 /// What a job costs its worker and the scheduler beside its work, s: `pipeline/CLUSTER.md`.
-const JOB_S: f64 = 0.025;
+const JOB_S: f64 = 0.06;
 /// The part of the work that it may cost.
-const MOST_BESIDE: f64 = 0.04;
+const MOST_BESIDE: f64 = 0.03;
 /// What the scheduler takes for a job, s: it does one after another.
 const SCHEDULING_S: f64 = 0.02;
 /// Jobs for each core: one is at work, and the next is there.
