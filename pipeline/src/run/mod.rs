@@ -28,7 +28,7 @@ mod work;
 
 use std::{cell::OnceCell, collections::HashMap, sync::atomic::Ordering, time::Instant};
 
-use schemas::{Fault, Grain, InputKind};
+use schemas::{Fault, InputKind};
 
 pub use again::{Compared, again};
 pub use engine::{Engine, Local, Pace, Wave};
