@@ -6,7 +6,7 @@
 //! no answer all the same, as after a panic, the file stays, with this unit alone, and says why. The files are not synced to
 //! the disk: a loss of power is not the fault of a unit.
 //!
-//! In an object store it is an object for every [`MOST`] units, `attempts/<name>-<marks>`. The marks are the first digits of
+//! In an object store it is an object for every 24 units, `attempts/<name>-<marks>`. The marks are the first digits of
 //! the keys, so that one listing tells a worker which objects may be about its units, and it reads no others.
 
 use std::{
