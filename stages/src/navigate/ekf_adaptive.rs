@@ -38,8 +38,9 @@ filter! {
     EkfAdaptive = "ekf_adaptive", version 2, groups [aiding: Aiding, further: Further], example "window = 50";
     /// Which noise is learnt: of the measurement (`"r"`), of the process (`"q"`), or both.
     adapt: Adapt, unit "", default Adapt::R;
-    /// How many innovations are looked back on. With 50 the noise is known to 10 %. With 10, as MagNav.jl, it is near 0
-    /// now and then, and the filter believes far too much unless `sigma_min_nt` is near the truth.
+    /// How many innovations are looked back on. With 50 the noise is known to 10 %. With 10, as MagNav.jl, it is known to 20 %, and by
+    /// the forms `"matched"` and `"compatible"` near 0 now and then: the filter believes far too much then, unless `sigma_min_nt`
+    /// is near the truth.
     window: usize, unit "1", default 50usize, rule Rule::Between(2.0, 1e6);
     /// The least noise that is learnt.
     sigma_min_nt: Option<f64>, unit "nT", absent "a twentieth of `measurement_sigma_nt`, or the smallest expected noise with `noise_column`", rule Rule::Positive;

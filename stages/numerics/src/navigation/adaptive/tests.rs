@@ -230,8 +230,8 @@ fn law_a_magnetometer_that_fails_loses_its_weight() {
     assert!(trusting.drms_m() > 1.2 * alone.drms_m());
 }
 
-#[test]
-fn law_a_short_window_without_bounds_believes_too_much() {
+/// Of windows of 10 and 50 without bounds to speak of: the mean of R/R̂, and how good the filter is.
+fn by_windows(form: AdaptiveForm) -> ([f64; 2], [Tally; 2]) {
     let windows = [10, 50];
     let (mut weights, mut tallies) = ([0.0; 2], [Tally::default(); 2]);
     let flights = 8;
@@ -241,7 +241,6 @@ fn law_a_short_window_without_bounds_believes_too_much() {
         let ins = flight.ins.series();
         let line = flight.line(&ins, &measured, &sigma);
         for (place, window) in windows.into_iter().enumerate() {
-            let form = AdaptiveForm::Matched;
             let parameters = AdaptiveParameters { window, form, ..AdaptiveParameters::default() };
             let output = run(&parameters, &line, &[Magnetometer::of(&line, 0.05, 500.0)]).unwrap();
             let sigmas = &output.magnetometers[0].sigma_nt[100..];
@@ -253,15 +252,25 @@ fn law_a_short_window_without_bounds_believes_too_much() {
     for place in 0..2 {
         let (window, weight, tally) = (windows[place], weights[place], tallies[place]);
         println!(
-            "window {window}: R/R\u{302} {weight:.3}, DRMS {:.1} m, NEES {:.2}",
+            "{form:?}, window {window}: R/R\u{302} {weight:.3}, DRMS {:.1} m, NEES {:.2}",
             tally.drms_m(),
             tally.mean_nees()
         );
     }
+    (weights, tallies)
+}
+
+#[test]
+fn law_a_short_window_without_bounds_believes_too_much_but_by_what_corrections_leave() {
+    let (weights, tallies) = by_windows(AdaptiveForm::Matched);
     // Of 50 the mean of 1/χ² is 50/48, to which H P Hᵀ of a few nT² adds; 8 flights have 370 independent windows, whose
     // variance is 4 % each. Of 10 it is 10/8 before anything is added.
     assert!((1.0..1.12).contains(&weights[1]) && weights[0] > 1.25, "{weights:?}");
     assert!(tallies[0].mean_nees() > 2.0 * tallies[1].mean_nees());
+    // Nothing is taken off here: 10/8 is all of it.
+    let (weights, tallies) = by_windows(AdaptiveForm::Residual);
+    assert!((1.0..1.12).contains(&weights[1]) && (1.2..1.3).contains(&weights[0]), "{weights:?}");
+    assert!(tallies[0].mean_nees() < 1.3 * tallies[1].mean_nees());
 }
 
 #[test]
@@ -274,10 +283,14 @@ fn law_of_innovations_in_proportion_to_a_noise_that_changes_the_factor_is_learnt
     let measured: Vec<f64> = sigma.iter().map(|sigma| 3.0 * sigma).collect();
     let magnetometer =
         Magnetometer { measurement_nt: &measured, sigma_nt: &sigma, ..Magnetometer::of(&line, 1e-3, 1e6) };
-    for form in [AdaptiveForm::Matched, AdaptiveForm::Compatible] {
+    for form in [AdaptiveForm::Residual, AdaptiveForm::Matched, AdaptiveForm::Compatible] {
         let parameters = AdaptiveParameters { form, window: 4, relative: true, ..AdaptiveParameters::default() };
         let mut learner = Learner::new(&parameters, &line, magnetometer);
-        (0..20).for_each(|row| learner.innovate(row, 0.0, 0.0, &mut Fusion::default()));
+        for row in 0..20 {
+            let mut fusion = Fusion::default();
+            learner.innovate(row, 0.0, 0.0, &mut fusion);
+            learner.settle(0.0, &fusion);
+        }
         let found = &learner.adapted.sigma_nt;
         assert!((4..20).all(|row| (found[row] / (3.0 * sigma[row]) - 1.0).abs() < 1e-12), "{found:?}");
     }
