@@ -178,10 +178,10 @@ fn may_be_of(name: &str, marks: &HashSet<String>) -> bool {
 
 /// The texts of the attempts in an object store, of those whose names are `wanted`.
 fn in_objects(remote: &Remote, wanted: impl Fn(&str) -> bool) -> Vec<String> {
-    // What cannot be read now is read when the next units begin.
+    // What cannot be read now is read when the next units begin; the others count all the same.
     let all = remote.bucket().list(FOLDER).unwrap_or_default();
     let names: Vec<String> = all.into_iter().map(|object| object.key).filter(|name| wanted(name)).collect();
-    let found = each(&names, |name| remote.bucket().get(name)).unwrap_or_default();
+    let found = each(&names, |name| Ok(remote.bucket().get(name).ok().flatten())).unwrap_or_default();
     found.into_iter().flatten().map(|bytes| String::from_utf8_lossy(&bytes).into_owned()).collect()
 }
 
@@ -234,9 +234,9 @@ impl Store {
         let mut attempt = Attempt { markers: vec![], who };
         let lines = |keys: &[Key]| -> String { keys.iter().map(|key| format!("{key}\n")).collect() };
         if let Some(remote) = self.remote() {
+            let own: String = unique.simple().to_string().chars().take(NAME).collect();
             for (i, some) in keys.chunks(MOST).enumerate() {
                 let marks: String = some.iter().map(|key| mark(*key)).collect();
-                let own: String = unique.simple().to_string().chars().take(NAME).collect();
                 let name = format!("{FOLDER}/{own}{i:03}-{marks}");
                 let marker = Marker::Object(remote.clone(), name.clone());
                 under_way().push(marker.clone());
