@@ -88,6 +88,13 @@ def once(binary, folder, workers):
     """Each way with its processor seconds, clock seconds and number of tasks, and the units of the work."""
     run = [binary, "run", "growth.toml", "--json", "--threads", "1", "--set"]
     found = {}
+    units = 0
+
+    def local():
+        nonlocal units
+        cpu, out = processor([*run, "store=local"], folder)
+        units = json.loads(out.splitlines()[-1])["computed"]
+        return cpu, 0
 
     def timed(way, work):
         begun = time.monotonic()
@@ -98,10 +105,7 @@ def once(binary, folder, workers):
         plan, work, publish, tasks = by_tasks(binary, folder, store, None, one_by_one)
         return plan + work + publish, tasks
 
-    _, out = processor([*run, "store=local"], folder)
-    units = json.loads(out.splitlines()[-1])["computed"]
-    subprocess.run(["rm", "-rf", "local"], cwd=folder, check=True)
-    timed("local, one thread", lambda: (processor([*run, "store=local"], folder)[0], 0))
+    timed("local, one thread", local)
     timed("processes, one", lambda: (processor([*run, "store=processes", "--engine", "processes"], folder)[0], 0))
     timed("verb, one process a wave", lambda: verb("one", False))
     timed("verb, a process a task", lambda: verb("own", True))
