@@ -20,6 +20,7 @@ use numerics::{
     navigation::{
         NavigationLine,
         adaptive::{self, AdaptiveParameters},
+        aided::Aids,
         crlb::{self, TruePath},
         ekf::{self, EkfParameters, EkfPoint},
         fixed_lag::{self, Coefficients, FixedLagParameters, Keep},
@@ -144,7 +145,7 @@ fn known_field(flight: &Flight, line: &NavigationLine) -> Result<(), Failure> {
     tell("crlb, the bound", time_s, bound_m, 40.0)?;
     let parameters = MpfParameters { particles: 1000, ..MpfParameters::default() };
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
-    let (time_s, out) = pool.install(|| median_s(|| mpf::run(&parameters, line)))?;
+    let (time_s, out) = pool.install(|| median_s(|| mpf::run(&parameters, line, &Aids::default())))?;
     tell("mpf, 1000 particles", time_s, error(&out.track), 60.0)
 }
 

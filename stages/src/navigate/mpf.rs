@@ -6,8 +6,9 @@ use numerics::navigation::{
 };
 use schemas::{Column, Fault, Rule};
 
-use super::aiding::Aiding;
-use super::filter::{Flight, Flown, NavigationFilter, Track, Update, filter};
+use super::aiding::{Aiding, both};
+use super::filter::{Flight, Flown, NavigationFilter, Track, filter};
+use super::further::{Further, updates};
 use crate::columns::{array, data, list};
 
 /// Modes in the columns of `modes`; a mode has at least a hundredth of the weight, and more than three are a cloud.
@@ -26,10 +27,15 @@ filter! {
     /// explains to six sigma is `gated`, whatever `gate_nis`: many in a row mean that the particles have lost the
     /// aircraft, and the line is refused when most of its measurements are.
     ///
+    /// Of further measurements each particle holds the biases, and the map's error, as it does the linear states. The
+    /// particles weigh by the map's values and not by its slope, so that `flat_over_m` is refused: `map_sigma_nt` says what
+    /// the map errs by.
+    ///
     /// Source: Schön, Gustafsson & Nordlund (2005), resampled from a kernel density (Musso, Oudjane & Le Gland 2001)
     /// whose part in the linear states is marginalised too. Seeded; the same bits on any number of threads.
-    Mpf = "mpf", version 1, groups [aiding: Aiding], example "particles = 2000";
-    /// The number of particles: 1000 for an INS known to hundreds of metres, 10000 for one lost by kilometres.
+    Mpf = "mpf", version 1, groups [aiding: Aiding, further: Further], example "particles = 2000";
+    /// The number of particles: 1000 for an INS known to hundreds of metres, 10000 for one lost by kilometres, and with a
+    /// measurement as sharp as `gradient`.
     particles: usize, unit "1", default 1000usize, rule Rule::Between(1.0, 1000000.0);
     /// Where the draws begin; the same seed gives the same bits on any number of threads.
     seed: usize, unit "", default 0usize;
@@ -40,7 +46,7 @@ filter! {
     /// leaves copies of a few particles and a covariance far too small.
     regularise: bool, unit "", default true;
     /// A distance over which the map is nearly linear, about its height above the sources: a wider cloud has a kernel
-    /// for each of its parts.
+    /// for each of its parts. The slope that `gradient` measures is so over a third of that.
     smooth_over_m: f64, unit "m", default 200.0, rule Rule::Positive;
     /// Noise for the position of each resampled particle, by axis, in ranges of the particles over the root of their
     /// number; Gordon, Salmond & Smith (1993) use 0.2.
@@ -64,17 +70,32 @@ impl NavigationFilter for Mpf {
                         modes of the position, the most probable first; NaN where there are fewer";
             columns.push(Column::list("modes", "", what, names));
         }
+        columns.extend(self.further.columns());
         columns
     }
 
     fn reads(&self, flight: &Flight) -> Result<Vec<String>, Vec<Fault>> {
-        self.aiding.reads(flight)
+        let flat = self.further.flat_over_m.map(|_| {
+            let what = "particles weigh by the map's values, not by its slope: none is too flat";
+            Fault::new(what).of_param("flat_over_m").help("say what the map errs by, `map_sigma_nt`")
+        });
+        let flat = flat.map_or(Ok(vec![]), |fault| Err(vec![fault]));
+        both(both(self.aiding.reads(flight), self.further.reads(flight)), flat)
+    }
+
+    fn takes_field(&self) -> bool {
+        self.further.use_scalar
+    }
+
+    fn takes_direction(&self) -> bool {
+        self.further.takes_direction()
     }
 
     fn idle(&self, key: &str) -> Option<Fault> {
         (key == "smooth_over_m" && !self.regularise)
             .then(|| Fault::new("`smooth_over_m` has no say without `regularise`"))
             .or_else(|| self.aiding.idle(key))
+            .or_else(|| self.further.idle(key))
     }
 
     fn navigate(&self, flown: &Flown) -> Result<Track, Fault> {
@@ -92,7 +113,9 @@ impl NavigationFilter for Mpf {
         };
         let fixes = self.aiding.fixes(flown)?;
         let line = NavigationLine { fixes: fixes.as_ref(), ..flown.line()? };
-        let MpfOutput { track, effective, used, modes, report } = run(&parameters, &line).map_err(data)?;
+        let measured = self.further.measured(flown)?;
+        let out = run(&parameters, &line, &self.further.aids(flown, &measured)?).map_err(data)?;
+        let MpfOutput { track, effective, usage, aids, modes, report } = out;
         let usable = track.report.updates + track.report.gated;
         if 2 * report.unexplained > usable {
             let unexplained = report.unexplained;
@@ -100,19 +123,14 @@ impl NavigationFilter for Mpf {
             let help = "more `particles`, a wider `init_position_sigma_m`, or an `offset_window_s`";
             return Err(Fault::data(what).help(help));
         }
-        let mut track = Track::of(flown, track, self.gate_nis)?;
-        for (update, used) in track.update.iter_mut().zip(used) {
-            // What no particle explains is left out without a gate too.
-            if *update == Update::Used && !used {
-                *update = Update::Gated;
-            }
-        }
-        track.more.push(array(effective));
+        self.further.enough(flown, &track.report)?;
+        let mut more = vec![array(effective)];
         if self.save_modes {
             let numbers = modes.iter().flat_map(|at| columns_of(&at.modes)).collect();
-            track.more.push(list(numbers, MODES * MODE_NAMES.len())?);
+            more.push(list(numbers, MODES * MODE_NAMES.len())?);
         }
-        Ok(track)
+        more.extend(self.further.arrays(aids, vec![]));
+        Ok(Track { update: updates(&usage), more, ..Track::without_updates(track) })
     }
 }
 
@@ -150,5 +168,6 @@ mod tests {
         assert!(fault.what.contains("the aircraft is lost") && fault.help.is_some(), "{fault:?}");
         assert_refused("mpf", "regularise = false\nsmooth_over_m = 50.0", "no say without `regularise`");
         assert_refused("mpf", "particles = 0", "particles");
+        assert_refused("mpf", "flat_over_m = 10.0", "none is too flat");
     }
 }

@@ -47,7 +47,7 @@ use crate::navigation::ins_series::SeriesError;
 use crate::navigation::output::{Innovation, NavigationError, NavigationReport};
 use crate::signal::gauss_markov::GaussMarkov;
 
-pub(crate) use rows::{Aid, Linear, Rows, SampleInnovations};
+pub(crate) use rows::{Aid, Linear, Rows, SampleInnovations, rotation};
 pub(crate) use states::AidStates;
 
 /// The difference of two scalar magnetometers, first minus second.

@@ -49,6 +49,21 @@
 //! a Kalman update of the linear states of each, with the gain that all share. Both are exact but for the number of
 //! particles. A fix far narrower than the cloud is used in parts, as a measurement is.
 //!
+//! # Further measurements
+//!
+//! The Gauss-Markov states of [`aids`](crate::navigation::aids), what lasts of a measurement's error and of the map's, are linear
+//! like the 16: they join each particle's mean and the common covariance, of 21 states with them and of 27 with the field's
+//! vector. A difference, a component of the vector, and a height are each a measurement as the field is, with
+//!
+//! ```text
+//! e_i = z − v(position of i) − u x_i,   H_i = u + (slope of v with height at i) for the altitude,
+//! ```
+//!
+//! where v is the map's at each particle's own position, at both ends of the baseline for a difference, and the row u of biases,
+//! S and tilt is that of all: what the tilt does is linear about the middle of the cloud. They come after the field, each with a
+//! resampling before it where too few particles are left. A map that is too flat tells the particles apart by its values, not
+//! by its slope, so that [`Aids::flat_over_m`] is not looked at; the map's error is a state.
+//!
 //! Every random number is a function of seed, sample and particle, and sums have a fixed order: the same bits on any
 //! number of threads.
 //!
@@ -64,6 +79,7 @@ mod covariance;
 mod draws;
 mod filter;
 mod fixes;
+mod look;
 mod measurement;
 mod modes;
 mod output;
@@ -71,8 +87,10 @@ mod parameters;
 mod partition;
 mod resampling;
 
+use crate::navigation::aids::{AidStates, Aids};
 use crate::navigation::line::NavigationLine;
 use crate::navigation::output::NavigationError;
+use crate::navigation::pinson::STATES;
 
 use filter::Filter;
 pub use output::{Mode, ModesAt, MpfOutput, MpfReport};
@@ -82,20 +100,35 @@ pub use parameters::MpfParameters;
 /// measurements one in a billion.
 pub const UNEXPLAINED_NIS: f64 = 37.33;
 
+/// States with the further ones but those of a vector: the biases of difference and height, and the map's error.
+const WITH_BIASES: usize = STATES + 3;
+/// States with those of a vector.
+const WITH_VECTOR: usize = WITH_BIASES + 6;
+
 /// Filters one line.
 ///
-/// The row of a sample is the weighted mean of the particles after its measurement and before any resampling. Missing
+/// The row of a sample is the weighted mean of the particles after its measurements and before any resampling. Missing
 /// measurements (NaN, infinite, or of a sigma that is not above 0), and those that are not used, leave the filter
 /// predicting; uneven time and a single sample are fine. Costs about 0.2 ms a sample for 1000 particles on one core,
 /// and uses more threads from 8192 particles up.
 ///
 /// # Errors
-/// Fails as [`MpfParameters::check`] and [`NavigationLine::check`], and with [`NavigationError::Diverged`] when states
-/// or variances are no longer finite or a variance is negative.
-pub fn run(parameters: &MpfParameters, line: &NavigationLine<'_>) -> Result<MpfOutput, NavigationError> {
+/// Fails as [`MpfParameters::check`], [`Aids::check`] and [`NavigationLine::check`], and with [`NavigationError::Diverged`]
+/// when states or variances are no longer finite or a variance is negative.
+pub fn run(
+    parameters: &MpfParameters,
+    line: &NavigationLine<'_>,
+    aids: &Aids<'_>,
+) -> Result<MpfOutput, NavigationError> {
     parameters.check()?;
     line.check()?;
-    Filter::new(line, parameters).run()
+    aids.check(line.ins.len())?;
+    let states = AidStates::of(aids, STATES);
+    match STATES + states.errors.len() {
+        STATES => Filter::<STATES>::new(line, aids, states, parameters).run(),
+        ..=WITH_BIASES => Filter::<WITH_BIASES>::new(line, aids, states, parameters).run(),
+        _ => Filter::<WITH_VECTOR>::new(line, aids, states, parameters).run(),
+    }
 }
 
 #[cfg(test)]

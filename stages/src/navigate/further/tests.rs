@@ -135,10 +135,11 @@ fn unit_what_cannot_be_measured_is_refused_before_the_run() {
 }
 
 /// The other filters with keys of their own, and the measurement that they take: with the aircraft's field or without.
-const OTHERS: [(&str, &str, &str); 5] = [
+const OTHERS: [(&str, &str, &str); 6] = [
     ("ekf_adaptive", "", "mag_1_c"),
     ("rts", "", "mag_1_c"),
     ("crlb", "", "mag_1_c"),
+    ("mpf", "particles = 2000", "mag_1_c"),
     ("ekf_online_tl", "walk_per_hour = 0.0", "mag_1_uc"),
     ("fixed_lag", "aircraft_sigma_nt = 0.0", "mag_1_uc"),
 ];
@@ -169,9 +170,18 @@ fn law_a_smoother_holds_the_position_by_the_difference_alone() {
 }
 
 #[test]
+fn law_particles_hold_the_position_by_the_difference_alone() {
+    let found = flown("mpf", &format!("{GRADIENT}use_scalar = false\nparticles = 2000"), &in_a_storm()).unwrap();
+    assert!((50..ROWS).all(|row| found.error_m(row) < 25.0), "{}", found.error_m(ROWS - 1));
+    assert_eq!(found.updates("used"), ROWS);
+    assert_eq!(found.numbers("residual"), found.numbers("gradient_residual"));
+    assert!(found.numbers("n_eff").iter().all(|n| *n > 1.0));
+}
+
+#[test]
 fn law_over_a_map_that_is_too_flat_the_other_tracks_are_the_ins() {
     let ins = run("ins_only", "");
-    for (filter, own, _) in OTHERS.iter().filter(|(filter, ..)| *filter != "crlb") {
+    for (filter, own, _) in OTHERS.iter().filter(|(filter, ..)| *filter != "crlb" && *filter != "mpf") {
         // What is too flat depends on the noise, which `ekf_adaptive` learns.
         let own = if *filter == "ekf_adaptive" { "sigma_min_nt = 1.5\nsigma_max_nt = 1.5" } else { own };
         let run_with = |flat: &str| run(filter, &format!("mag = 'mag_2_c'\nflat_over_m = {flat}\n{own}"));

@@ -57,7 +57,7 @@ pub(crate) enum Outcome {
 }
 
 impl Outcome {
-    fn innovation(self) -> Innovation {
+    pub(crate) fn innovation(self) -> Innovation {
         match self {
             Self::Missing | Self::OffMap => Innovation::NONE,
             Self::Gated(innovation) | Self::Flat(innovation) | Self::Used(innovation) => innovation,

@@ -20,6 +20,7 @@ use crate::signal::gauss_markov::GaussMarkov;
 
 mod flights;
 mod others;
+mod particles;
 
 const ROWS: usize = 60;
 

@@ -4,6 +4,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use crate::earth::attitude::{body_to_ned, skew};
 use crate::earth::field_value::FieldValue;
+use crate::earth::geodesy::EarthModel;
 use crate::navigation::field::PredictedField;
 use crate::navigation::gaussian::Sensitivity;
 use crate::navigation::ins_series::InsSeries;
@@ -29,9 +30,12 @@ pub(crate) enum Aid {
 const MOST: usize = 5;
 
 impl Aid {
-    const ALL: [Self; MOST] = [Self::Difference, Self::Vector(0), Self::Vector(1), Self::Vector(2), Self::Height];
+    /// In the order in which they are used.
+    pub(crate) const ALL: [Self; MOST] =
+        [Self::Difference, Self::Vector(0), Self::Vector(1), Self::Vector(2), Self::Height];
 
-    fn place(self) -> usize {
+    /// Its place among all.
+    pub(crate) fn place(self) -> usize {
         match self {
             Self::Difference => 0,
             Self::Vector(axis) => 1 + axis,
@@ -205,6 +209,15 @@ impl AidInnovations {
 }
 
 impl Aids<'_> {
+    /// Whether there is a measurement of a kind.
+    pub(crate) fn has(&self, aid: Aid) -> bool {
+        match aid {
+            Aid::Difference => self.difference.is_some(),
+            Aid::Vector(_) => self.vector.is_some(),
+            Aid::Height => self.height.is_some(),
+        }
+    }
+
     /// All further measurements of a row, linearised about a state `x` whose further states are at `states`. A value that is
     /// not finite is no measurement.
     pub(crate) fn rows(
@@ -302,12 +315,42 @@ impl Aids<'_> {
 }
 
 /// The rotation from body to north-east-down by the INS at a row.
-fn rotation(ins: &InsSeries<'_>, row: usize) -> Matrix3<f64> {
+pub(crate) fn rotation(ins: &InsSeries<'_>, row: usize) -> Matrix3<f64> {
     let [roll, pitch, yaw] = ins.point(row).euler_rad;
     body_to_ned(roll, pitch, yaw)
 }
 
+/// Half a baseline as it lies by the INS.
+pub(crate) struct Arm {
+    /// The whole of it north, east and down, in m.
+    along: Vector3<f64>,
+    /// Half of it in latitude and longitude, in rad, and height, in m.
+    pub(crate) offset: [f64; 3],
+    /// Metres per radian north and east.
+    m_per_rad: (f64, f64),
+}
+
+impl Arm {
+    /// The derivative of the difference by the tilt, in nT/rad, by the mean slope of the fields at both ends.
+    ///
+    /// The true baseline is (I − [ψ×]) C r = C r + C r × ψ, and g · (C r × ψ) = (g × C r) · ψ.
+    pub(crate) fn by_tilt(&self, d_lat_nt_per_rad: f64, d_lon_nt_per_rad: f64, d_alt_nt_per_m: f64) -> [f64; 3] {
+        let (north, east) = self.m_per_rad;
+        let mean = Vector3::new(d_lat_nt_per_rad / north, d_lon_nt_per_rad / east, -d_alt_nt_per_m);
+        mean.cross(&self.along).into()
+    }
+}
+
 impl Difference<'_> {
+    /// Half of the baseline at a row.
+    pub(crate) fn arm(&self, line: &NavigationLine<'_>, row: usize) -> Arm {
+        let along = rotation(line.ins, row) * Vector3::from(self.baseline_m);
+        let half = along * 0.5;
+        let (lat_rad, alt_m) = (line.ins.lat_deg[row].to_radians(), line.ins.alt_m[row]);
+        let (north, east) = line.errors.earth.north_east_m_per_rad(lat_rad, alt_m);
+        Arm { along, offset: [half.x / north, half.y / east, -half.z], m_per_rad: (north, east) }
+    }
+
     /// The difference of the fields at both ends about an error of the INS, its slope, and its derivative by the tilt, in
     /// nT/rad; `None` where either end is off the map.
     pub(crate) fn field(
@@ -317,27 +360,22 @@ impl Difference<'_> {
         row: usize,
         [lat, lon, alt]: [f64; 3],
     ) -> Option<(FieldValue, [f64; 3])> {
-        let along = rotation(line.ins, row) * Vector3::from(self.baseline_m);
-        let half = along * 0.5;
-        let (lat_rad, alt_m) = (line.ins.lat_deg[row].to_radians(), line.ins.alt_m[row]);
-        let (north, east) = line.errors.earth.north_east_m_per_rad(lat_rad, alt_m);
-        let arm = [half.x / north, half.y / east, -half.z];
-        let first = field.at_error(line.ins, row, [lat + arm[0], lon + arm[1], alt + arm[2]])?;
-        let second = field.at_error(line.ins, row, [lat - arm[0], lon - arm[1], alt - arm[2]])?;
-        let mean = Vector3::new(
-            (first.d_lat_nt_per_rad + second.d_lat_nt_per_rad) / north,
-            (first.d_lon_nt_per_rad + second.d_lon_nt_per_rad) / east,
-            -(first.d_alt_nt_per_m + second.d_alt_nt_per_m),
-        ) * 0.5;
-        // The true baseline is (I − [ψ×]) C r = C r + C r × ψ, and g · (C r × ψ) = (g × C r) · ψ.
-        let tilt = mean.cross(&along);
+        let arm = self.arm(line, row);
+        let [north, east, up] = arm.offset;
+        let first = field.at_error(line.ins, row, [lat + north, lon + east, alt + up])?;
+        let second = field.at_error(line.ins, row, [lat - north, lon - east, alt - up])?;
+        let tilt = arm.by_tilt(
+            0.5 * (first.d_lat_nt_per_rad + second.d_lat_nt_per_rad),
+            0.5 * (first.d_lon_nt_per_rad + second.d_lon_nt_per_rad),
+            0.5 * (first.d_alt_nt_per_m + second.d_alt_nt_per_m),
+        );
         let difference = FieldValue {
             value_nt: first.value_nt - second.value_nt,
             d_lat_nt_per_rad: first.d_lat_nt_per_rad - second.d_lat_nt_per_rad,
             d_lon_nt_per_rad: first.d_lon_nt_per_rad - second.d_lon_nt_per_rad,
             d_alt_nt_per_m: first.d_alt_nt_per_m - second.d_alt_nt_per_m,
         };
-        Some((difference, [tilt.x, tilt.y, tilt.z]))
+        Some((difference, tilt))
     }
 }
 
@@ -352,20 +390,36 @@ struct PredictedVector {
 }
 
 impl Vector<'_> {
+    /// The core field about a place (degrees, degrees, m) north, east and down, and its changes with latitude, longitude (per
+    /// rad) and height (per m).
+    pub(crate) fn core_about(
+        &self,
+        earth: EarthModel,
+        [lat_deg, lon_deg, alt_m]: [f64; 3],
+    ) -> (Vector3<f64>, [Vector3<f64>; 3]) {
+        let (north, east) = earth.north_east_m_per_rad(lat_deg.to_radians(), alt_m);
+        let core = |[lat_rad, lon_rad, up_m]: [f64; 3]| {
+            let (lat, lon) = (lat_deg + lat_rad.to_degrees(), lon_deg + lon_rad.to_degrees());
+            Vector3::from(self.core.field_ned_nt(lat, lon, alt_m + up_m))
+        };
+        let here = core([0.0; 3]);
+        let steps = [CORE_STEP_M / north, CORE_STEP_M / east, CORE_STEP_M];
+        let slope = |axis: usize| {
+            let mut ahead = [0.0; 3];
+            ahead[axis] = steps[axis];
+            (core(ahead) - here) / steps[axis]
+        };
+        (here, [slope(0), slope(1), slope(2)])
+    }
+
     /// The vector and its derivatives at a state; `None` off the map.
     fn predicted(&self, line: &NavigationLine<'_>, row: usize, x: &[f64]) -> Option<PredictedVector> {
         let ins = line.ins;
         let lat_deg = ins.lat_deg[row] + x[LAT].to_degrees();
         let (lon_deg, alt_m) = (ins.lon_deg[row] + x[LON].to_degrees(), ins.alt_m[row] + x[ALT]);
         let anomaly = line.map.at(lat_deg, lon_deg, alt_m)?;
-        let (north, east) = line.errors.earth.north_east_m_per_rad(lat_deg.to_radians(), alt_m);
-        let core = |lat_rad: f64, lon_rad: f64, up_m: f64| {
-            let (lat, lon) = (lat_deg + lat_rad.to_degrees(), lon_deg + lon_rad.to_degrees());
-            Vector3::from(self.core.field_ned_nt(lat, lon, alt_m + up_m))
-        };
-        let here = core(0.0, 0.0, 0.0);
+        let (here, core) = self.core_about(line.errors.earth, [lat_deg, lon_deg, alt_m]);
         let direction = here / here.norm();
-        let steps = [CORE_STEP_M / north, CORE_STEP_M / east, CORE_STEP_M];
         let slopes = [anomaly.d_lat_nt_per_rad, anomaly.d_lon_nt_per_rad, anomaly.d_alt_nt_per_m];
         let ned = here + direction * (anomaly.value_nt + x[S]);
         let tilt = Vector3::new(x[TILT_N], x[TILT_N + 1], x[TILT_N + 2]);
@@ -374,10 +428,8 @@ impl Vector<'_> {
         let turn = to_body * (Matrix3::identity() + skew(&tilt));
         let by_tilt = -to_body * skew(&ned);
         let mut rows = [[0.0; STATES]; 3];
-        for (state, (step, slope)) in [LAT, LON, ALT].into_iter().zip(steps.into_iter().zip(slopes)) {
-            let ahead = [LAT, LON, ALT].map(|of| if of == state { step } else { 0.0 });
-            let changed = (core(ahead[0], ahead[1], ahead[2]) - here) / step + direction * slope;
-            let changed = turn * changed;
+        for (state, (of_core, slope)) in [LAT, LON, ALT].into_iter().zip(core.into_iter().zip(slopes)) {
+            let changed = turn * (of_core + direction * slope);
             (0..3).for_each(|axis| rows[axis][state] = changed[axis]);
         }
         let along = turn * direction;

@@ -3,18 +3,18 @@
 //! Sums run over the particles in an order that depends neither on the width of the vector unit nor on threads, and no
 //! product is fused with a sum.
 
-use crate::navigation::pinson::{ALT, LAT, LON, S, STATES, StateMatrix, StateVector};
+use crate::navigation::pinson::{ALT, LAT, LON, STATES, StateMatrix};
 use rayon::prelude::*;
 
-use super::covariance::Spread;
+use super::covariance::{Lasting, Spread, Square};
 use super::draws::Draws;
 
-/// Particles in a block: their 18 states are 5 kB, which the innermost cache holds.
+/// Particles in a block: their states are 5 to 7 kB, which the innermost cache holds.
 pub(super) const BLOCK: usize = 32;
 /// A number of each particle of a block.
 pub(super) type Lanes = [f64; BLOCK];
-/// The states of a block.
-pub(super) type Block = [Lanes; STATES];
+/// The `N` states of a block: the 18 of the INS, and those of further measurements.
+pub(super) type Block<const N: usize> = [Lanes; N];
 /// Particles whose sums are in registers.
 const WIDE: usize = 16;
 /// Separate sums, so that they need not wait for each other.
@@ -26,11 +26,11 @@ const SHARE: usize = 64;
 
 /// The particles. Those beyond the last fill its block and weigh nothing.
 #[derive(Clone, Debug)]
-pub(super) struct Cloud {
+pub(super) struct Cloud<const N: usize> {
     /// How many there are.
     pub(super) particles: usize,
     /// Their states.
-    pub(super) blocks: Vec<Block>,
+    pub(super) blocks: Vec<Block<N>>,
     /// The logarithms of their weights.
     pub(super) log_weights: Vec<Lanes>,
     /// Their weights, which sum up to 1.
@@ -38,30 +38,34 @@ pub(super) struct Cloud {
 }
 
 /// The entries of a transition matrix that are not zero, by rows.
-pub(super) struct SparseTransition {
+pub(super) struct SparseTransition<const N: usize> {
     entries: Vec<(usize, f64)>,
     /// Where the entries of each row end.
-    ends: [usize; STATES],
+    ends: [usize; N],
 }
 
-impl SparseTransition {
-    pub(super) fn of(phi: &StateMatrix) -> Self {
-        let (mut entries, mut ends) = (Vec::with_capacity(STATES * STATES), [0; STATES]);
-        for (row, end) in phi.iter().zip(&mut ends) {
-            entries.extend(row.iter().copied().enumerate().filter(|(_, entry)| *entry != 0.0));
+impl<const N: usize> SparseTransition<N> {
+    /// That of the 18 states, and what is left of each further state.
+    pub(super) fn of(phi: &StateMatrix, further: &[Lasting]) -> Self {
+        let (mut entries, mut ends) = (Vec::with_capacity(STATES * STATES), [0; N]);
+        for (state, end) in ends.iter_mut().enumerate() {
+            match phi.get(state) {
+                Some(row) => entries.extend(row.iter().copied().enumerate().filter(|(_, entry)| *entry != 0.0)),
+                None => entries.extend(further.get(state - STATES).map(|lasting| (state, lasting.decay))),
+            }
             *end = entries.len();
         }
         Self { entries, ends }
     }
 }
 
-impl Cloud {
+impl<const N: usize> Cloud<N> {
     /// Particles about no error, with these standard deviations of the position.
     pub(super) fn new(particles: usize, sigmas: [f64; 2], draws: Draws) -> Self {
         let count = particles.div_ceil(BLOCK);
         let mut cloud = Self {
             particles,
-            blocks: vec![[[0.0; BLOCK]; STATES]; count],
+            blocks: vec![[[0.0; BLOCK]; N]; count],
             log_weights: vec![[0.0; BLOCK]; count],
             weights: vec![[0.0; BLOCK]; count],
         };
@@ -72,11 +76,11 @@ impl Cloud {
 
     /// Adds independent normals of these standard deviations to the position of each particle.
     pub(super) fn jitter(&mut self, sigmas: [f64; 2], draws: Draws) {
-        for (number, [lats, lons, ..]) in self.blocks.iter_mut().enumerate() {
-            for (lane, (lat, lon)) in lats.iter_mut().zip(lons).enumerate() {
+        for (number, block) in self.blocks.iter_mut().enumerate() {
+            for lane in 0..BLOCK {
                 let [a, b] = draws.normals(number * BLOCK + lane);
-                *lat += sigmas[0] * a;
-                *lon += sigmas[1] * b;
+                block[LAT][lane] += sigmas[0] * a;
+                block[LON][lane] += sigmas[1] * b;
             }
         }
     }
@@ -103,12 +107,12 @@ impl Cloud {
     }
 
     /// The weighted mean of the states.
-    pub(super) fn mean(&self) -> StateVector {
+    pub(super) fn mean(&self) -> [f64; N] {
         pulp::Arch::new().dispatch(Mean(self))
     }
 
     /// The weighted covariance of the position about a mean: twice latitude, latitude with longitude, twice longitude.
-    pub(super) fn position_covariance(&self, mean: &StateVector) -> [f64; 3] {
+    pub(super) fn position_covariance(&self, mean: &[f64; N]) -> [f64; 3] {
         let mut sums = [[0.0; SUMS]; 3];
         for (block, weights) in self.blocks.iter().zip(&self.weights) {
             let (lat, lon) = (&block[LAT], &block[LON]);
@@ -120,11 +124,11 @@ impl Cloud {
     }
 
     /// The weighted covariance of all states about a mean, without that which the particles share.
-    pub(super) fn covariance(&self, mean: &StateVector) -> StateMatrix {
-        let mut sum = [[0.0; STATES]; STATES];
+    pub(super) fn covariance(&self, mean: &[f64; N]) -> Square<N> {
+        let mut sum = [[0.0; N]; N];
         for (block, weights) in self.blocks.iter().zip(&self.weights) {
             for lane in 0..BLOCK {
-                let off: StateVector = std::array::from_fn(|state| block[state][lane] - mean[state]);
+                let off: [f64; N] = std::array::from_fn(|state| block[state][lane] - mean[state]);
                 add_outer(&mut sum, weights[lane], &off);
             }
         }
@@ -132,9 +136,9 @@ impl Cloud {
     }
 
     /// Moves every particle: x ← Φ x + spread·ξ.
-    pub(super) fn propagate(&mut self, phi: &SparseTransition, spread: &Spread, draws: Draws) {
+    pub(super) fn propagate(&mut self, phi: &SparseTransition<N>, spread: &Spread<N>, draws: Draws) {
         let particles = self.particles;
-        let share = |(number, blocks): (usize, &mut [Block])| {
+        let share = |(number, blocks): (usize, &mut [Block<N>])| {
             let first = number * SHARE * BLOCK;
             pulp::Arch::new().dispatch(Propagation { blocks, first, phi, spread, draws });
         };
@@ -145,15 +149,15 @@ impl Cloud {
         }
     }
 
-    /// Corrects the linear states of every particle by its own gain: x ← x + (P_alt·slope + P_s) r, where `r` is the
-    /// residual over its variance.
-    pub(super) fn correct(&mut self, p: &StateMatrix, slopes: &[Lanes], residuals: &[Lanes]) {
-        pulp::Arch::new().dispatch(LinearCorrection { blocks: &mut self.blocks, p, slopes, residuals });
+    /// Corrects the linear states of every particle by its own gain: x ← x + (P_alt·slope + P u) r, where `r` is the
+    /// residual over its variance, and `of_common` is P u with what all particles have in common of H.
+    pub(super) fn correct(&mut self, p: &Square<N>, of_common: &[f64; N], slopes: &[Lanes], residuals: &[Lanes]) {
+        pulp::Arch::new().dispatch(LinearCorrection { blocks: &mut self.blocks, p, of_common, slopes, residuals });
     }
 
     /// The state of one particle.
     #[inline(always)]
-    pub(super) fn particle(&self, index: usize) -> StateVector {
+    pub(super) fn particle(&self, index: usize) -> [f64; N] {
         let (block, lane) = (&self.blocks[index / BLOCK], index % BLOCK);
         std::array::from_fn(|state| block[state][lane])
     }
@@ -187,14 +191,14 @@ pub(super) fn add_outer<const N: usize>(sum: &mut [[f64; N]; N], weight: f64, x:
     }
 }
 
-struct Mean<'a>(&'a Cloud);
+struct Mean<'a, const N: usize>(&'a Cloud<N>);
 
-impl pulp::NullaryFnOnce for Mean<'_> {
-    type Output = StateVector;
+impl<const N: usize> pulp::NullaryFnOnce for Mean<'_, N> {
+    type Output = [f64; N];
 
     #[inline(always)]
-    fn call(self) -> StateVector {
-        let mut sums = [[0.0; SUMS]; STATES];
+    fn call(self) -> [f64; N] {
+        let mut sums = [[0.0; SUMS]; N];
         for (block, weights) in self.0.blocks.iter().zip(&self.0.weights) {
             for (sums, x) in sums.iter_mut().zip(block) {
                 accumulate(sums, |lane| weights[lane] * x[lane]);
@@ -204,16 +208,16 @@ impl pulp::NullaryFnOnce for Mean<'_> {
     }
 }
 
-struct Propagation<'a> {
-    blocks: &'a mut [Block],
+struct Propagation<'a, const N: usize> {
+    blocks: &'a mut [Block<N>],
     /// The number of the first particle.
     first: usize,
-    phi: &'a SparseTransition,
-    spread: &'a Spread,
+    phi: &'a SparseTransition<N>,
+    spread: &'a Spread<N>,
     draws: Draws,
 }
 
-impl pulp::NullaryFnOnce for Propagation<'_> {
+impl<const N: usize> pulp::NullaryFnOnce for Propagation<'_, N> {
     type Output = ();
 
     #[inline(always)]
@@ -248,24 +252,25 @@ impl pulp::NullaryFnOnce for Propagation<'_> {
     }
 }
 
-struct LinearCorrection<'a> {
-    blocks: &'a mut [Block],
-    p: &'a StateMatrix,
+struct LinearCorrection<'a, const N: usize> {
+    blocks: &'a mut [Block<N>],
+    p: &'a Square<N>,
+    of_common: &'a [f64; N],
     slopes: &'a [Lanes],
     residuals: &'a [Lanes],
 }
 
-impl pulp::NullaryFnOnce for LinearCorrection<'_> {
+impl<const N: usize> pulp::NullaryFnOnce for LinearCorrection<'_, N> {
     type Output = ();
 
     #[inline(always)]
     fn call(self) {
         for (block, (slopes, residuals)) in self.blocks.iter_mut().zip(self.slopes.iter().zip(self.residuals)) {
             // The rows of latitude and longitude of the covariance are zero.
-            for (x, p) in block.iter_mut().zip(self.p).skip(ALT) {
-                let (of_alt, of_s) = (p[ALT], p[S]);
+            for ((x, p), of_common) in block.iter_mut().zip(self.p).zip(self.of_common).skip(ALT) {
+                let of_alt = p[ALT];
                 for lane in 0..BLOCK {
-                    x[lane] += (of_alt * slopes[lane] + of_s) * residuals[lane];
+                    x[lane] += (of_alt * slopes[lane] + of_common) * residuals[lane];
                 }
             }
         }

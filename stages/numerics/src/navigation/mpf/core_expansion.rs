@@ -56,6 +56,13 @@ impl CoreExpansion {
     pub(super) fn at(&self, lat_deg: f64, lon_deg: f64, alt_m: f64) -> (f64, f64) {
         self.place.as_ref().map_or((0.0, 0.0), |place| place.extrapolate(lat_deg, lon_deg, alt_m))
     }
+
+    /// Its horizontal gradient at the point of expansion, in nT/rad; 0 before the first [`Self::follow`].
+    pub(super) fn gradient(&self) -> [f64; 2] {
+        self.place
+            .as_ref()
+            .map_or([0.0; 2], |Place { at_place, .. }| [at_place.d_lat_nt_per_rad, at_place.d_lon_nt_per_rad])
+    }
 }
 
 impl Place {

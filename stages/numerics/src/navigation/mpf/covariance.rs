@@ -1,33 +1,54 @@
-//! The covariance that all particles share: that of the 16 linear states, given a particle's position.
+//! The covariance that all particles share: that of the linear states, given a particle's position.
 //!
-//! It is kept over all 18 states, with zeros for the position.
+//! It is kept over all `N` states, the 18 of the INS and those of further measurements, with zeros for the position.
 
 use crate::navigation::line::LineStep;
-use crate::navigation::pinson::{ALT, LAT, LON, S, STATES, StateMatrix};
+use crate::navigation::pinson::{ALT, LAT, LON, STATES, StateMatrix};
 use crate::navigation::transition::propagate_covariance;
 
 /// A pivot below this part of its variance is rounding.
 const LEAST_PIVOT: f64 = 1e-13;
 
+/// A matrix of the states.
+pub(super) type Square<const N: usize> = [[f64; N]; N];
 /// Two columns over the states, by which two standard normals move a particle.
-pub(super) type Spread = [[f64; 2]; STATES];
+pub(super) type Spread<const N: usize> = [[f64; 2]; N];
+
+/// What becomes of a further state, a Gauss-Markov one, in a step.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Lasting {
+    /// The part of it that is left.
+    pub(super) decay: f64,
+    /// The variance that the step adds.
+    pub(super) variance: f64,
+}
+
+/// P h of a row of H, by its entries.
+pub(super) fn times<const N: usize>(p: &Square<N>, h: &[(usize, f64)]) -> [f64; N] {
+    std::array::from_fn(|row| h.iter().map(|(state, entry)| entry * p[row][*state]).sum())
+}
+
+/// h x of a row of H, by its entries.
+pub(super) fn dot<const N: usize>(h: &[(usize, f64)], x: &[f64; N]) -> f64 {
+    h.iter().map(|(state, entry)| entry * x[*state]).sum()
+}
 
 /// Corrects a covariance by a scalar measurement of `h`·x with a noise of this variance, in Joseph's form; of variance
 /// 0, conditions it on that. A combination without variance is left as it is.
-pub(super) fn correct(p: &mut StateMatrix, h: [(usize, f64); 2], variance: f64) {
-    let ph: [f64; STATES] = std::array::from_fn(|row| h[0].1 * p[row][h[0].0] + h[1].1 * p[row][h[1].0]);
-    let total = h[0].1 * ph[h[0].0] + h[1].1 * ph[h[1].0] + variance;
+pub(super) fn correct<const N: usize>(p: &mut Square<N>, h: &[(usize, f64)], variance: f64) {
+    let ph = times(p, h);
+    let total = dot(h, &ph) + variance;
     if total <= 0.0 {
         return;
     }
     let gain = ph.map(|ph| ph / total);
-    let rest: [f64; STATES] = std::array::from_fn(|row| {
-        let after = |column: usize| p[row][column] - gain[row] * ph[column];
-        variance * gain[row] - (h[0].1 * after(h[0].0) + h[1].1 * after(h[1].0))
+    let rest: [f64; N] = std::array::from_fn(|row| {
+        let after: f64 = h.iter().map(|(state, entry)| entry * (p[row][*state] - gain[row] * ph[*state])).sum();
+        variance * gain[row] - after
     });
-    for row in 0..STATES {
+    for row in 0..N {
         let before = p[row][row];
-        for column in row..STATES {
+        for column in row..N {
             let entry = p[row][column] - gain[row] * ph[column] + rest[row] * gain[column];
             p[row][column] = entry;
             p[column][row] = entry;
@@ -39,23 +60,23 @@ pub(super) fn correct(p: &mut StateMatrix, h: [(usize, f64); 2], variance: f64) 
 }
 
 /// Makes a state's row and column zero: one that has no variance left but rounding.
-fn clear(p: &mut StateMatrix, state: usize) {
-    p[state] = [0.0; STATES];
+fn clear<const N: usize>(p: &mut Square<N>, state: usize) {
+    p[state] = [0.0; N];
     p.iter_mut().for_each(|row| row[state] = 0.0);
 }
 
 /// Conditions a covariance on the position, and clears the position's rows and columns. The two columns handed back are
 /// the first two of its Cholesky factor: spread·ξ is a draw of the position with the mean of the rest that follows it.
-pub(super) fn condition_on_position(p: &mut StateMatrix) -> Spread {
-    let mut spread = [[0.0; 2]; STATES];
+pub(super) fn condition_on_position<const N: usize>(p: &mut Square<N>) -> Spread<N> {
+    let mut spread = [[0.0; 2]; N];
     let variances = [p[LAT][LAT], p[LON][LON]];
     for (place, state) in [LAT, LON].into_iter().enumerate() {
         if p[state][state] > LEAST_PIVOT * variances[place] {
             let root = p[state][state].sqrt();
-            for row in 0..STATES {
+            for row in 0..N {
                 spread[row][place] = p[row][state] / root;
             }
-            correct(p, [(state, 1.0), (state, 0.0)], 0.0);
+            correct(p, &[(state, 1.0)], 0.0);
         }
         // What is left of its row and column is rounding, or belongs to a state without variance.
         clear(p, state);
@@ -68,10 +89,28 @@ pub(super) fn condition_on_position(p: &mut StateMatrix) -> Spread {
 ///
 /// [Schön, Gustafsson & Nordlund 2005, (22)-(25), where M is the position's block of Σ, and L M the rest of its
 /// columns; noise that position and linear states share, which the paper removes beforehand, is part of Σ]
-pub(super) fn predict(p: &mut StateMatrix, step: &LineStep) -> Spread {
-    *p = propagate_covariance(&step.phi, p);
-    for (row, noise) in p.iter_mut().zip(&step.noise) {
-        row.iter_mut().zip(noise).for_each(|(p, noise)| *p += noise);
+pub(super) fn predict<const N: usize>(p: &mut Square<N>, step: &LineStep, further: &[Lasting]) -> Spread<N> {
+    let of_ins: StateMatrix = std::array::from_fn(|row| std::array::from_fn(|column| p[row][column]));
+    let of_ins = propagate_covariance(&step.phi, &of_ins);
+    for (state, Lasting { decay, variance }) in (STATES..).zip(further) {
+        let cross: [f64; STATES] = std::array::from_fn(|row| {
+            step.phi[row].iter().zip(&p[..STATES]).map(|(phi, before)| phi * before[state]).sum::<f64>() * decay
+        });
+        for (row, entry) in cross.into_iter().enumerate() {
+            p[row][state] = entry;
+            p[state][row] = entry;
+        }
+        for (other, lasting) in (STATES..=state).zip(further) {
+            let entry = p[state][other] * (decay * lasting.decay);
+            p[state][other] = entry;
+            p[other][state] = entry;
+        }
+        p[state][state] += variance;
+    }
+    for (row, (of_ins, noise)) in p.iter_mut().zip(of_ins.iter().zip(&step.noise)) {
+        for (entry, (propagated, noise)) in row.iter_mut().zip(of_ins.iter().zip(noise)) {
+            *entry = propagated + noise;
+        }
     }
     condition_on_position(p)
 }
@@ -80,33 +119,35 @@ pub(super) fn predict(p: &mut StateMatrix, step: &LineStep) -> Spread {
 /// height, and its square.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Information {
-    pub(super) s: f64,
-    pub(super) alt_s: f64,
+    pub(super) common: f64,
+    pub(super) alt_common: f64,
     pub(super) alt: f64,
 }
 
-/// The mean of the covariances that the particles have after a measurement, P − P (Σ w hᵀh/v) P with h = (slope with
-/// height, 1) for altitude and S.
+/// The mean of the covariances that the particles have after a measurement, P − P (Σ w hᵀh/v) P with h = u + slope·e,
+/// where u is `common` to all particles and e is the altitude.
 ///
-/// It is that of the measurement with information J = M (I − P M)⁻¹, M being the sum, over the two states; J is split
-/// in two scalar measurements so that each can be in Joseph's form. With one slope for all it is one: the usual
+/// It is that of the measurement with information J = M (I − P M)⁻¹, M being the sum, over u·x and the altitude; J is
+/// split in two scalar measurements so that each can be in Joseph's form. With one slope for all it is one: the usual
 /// update.
-pub(super) fn measure(p: &mut StateMatrix, of: Information) {
-    let (paa, pas, pss) = (p[ALT][ALT], p[ALT][S], p[S][S]);
-    let Information { s: ms, alt_s: mx, alt: ma } = of;
-    let (c00, c01) = (1.0 - (paa * ma + pas * mx), -(paa * mx + pas * ms));
-    let (c10, c11) = (-(pas * ma + pss * mx), 1.0 - (pas * mx + pss * ms));
+pub(super) fn measure<const N: usize>(p: &mut Square<N>, common: &[(usize, f64)], of: Information) {
+    let of_common = times(p, common);
+    let (paa, pau, puu) = (p[ALT][ALT], of_common[ALT], dot(common, &of_common));
+    let Information { common: mu, alt_common: mx, alt: ma } = of;
+    let (c00, c01) = (1.0 - (paa * ma + pau * mx), -(paa * mx + pau * mu));
+    let (c10, c11) = (-(pau * ma + puu * mx), 1.0 - (pau * mx + puu * mu));
     let det = c00 * c11 - c01 * c10;
-    let j_s = (ms * c00 - mx * c01) / det;
+    let j_u = (mu * c00 - mx * c01) / det;
     let j_x = (mx * c00 - ma * c01) / det;
     let j_a = (ma * c11 - mx * c10) / det;
-    if !(j_s > 0.0 && j_s.is_finite()) {
+    if !(j_u > 0.0 && j_u.is_finite()) {
         return;
     }
-    let slope = j_x / j_s;
-    correct(p, [(S, 1.0), (ALT, slope)], 1.0 / j_s);
+    let slope = j_x / j_u;
+    let row: Vec<(usize, f64)> = common.iter().copied().chain([(ALT, slope)]).collect();
+    correct(p, &row, 1.0 / j_u);
     let rest = j_a - j_x * slope;
     if rest > LEAST_PIVOT * j_a {
-        correct(p, [(ALT, 1.0), (ALT, 0.0)], 1.0 / rest);
+        correct(p, &[(ALT, 1.0)], 1.0 / rest);
     }
 }

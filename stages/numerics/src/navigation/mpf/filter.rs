@@ -1,14 +1,18 @@
 //! The recursion along a line.
 
+use crate::navigation::aided::filter::Outcome;
+use crate::navigation::aids::{Aid, AidStates, Aids, SampleInnovations, Usage};
+use crate::navigation::gaussian::Layout;
 use crate::navigation::line::NavigationLine;
 use crate::navigation::output::{Innovation, NavigationError, NavigationOutput};
-use crate::navigation::pinson::{LAT, LON, STATES, StateMatrix};
+use crate::navigation::pinson::{LAT, LON, STATES};
 
 use super::UNEXPLAINED_NIS;
 use super::cloud::{Cloud, SparseTransition};
-use super::covariance::{measure, predict};
+use super::covariance::{Lasting, Square, measure, predict, times};
 use super::draws::{Draws, Purpose};
-use super::measurement::Predictor;
+use super::look::Look;
+use super::measurement::{Fit, Measured, Predictor};
 use super::modes::Clusters;
 use super::output::{MpfOutput, modes_of};
 use super::parameters::MpfParameters;
@@ -21,27 +25,68 @@ const LEAST_PART: f64 = 1.0 / 256.0;
 /// The most parts of a measurement.
 pub(super) const MOST_PARTS: usize = 64;
 
-/// A filter on its way along a line.
-pub(super) struct Filter<'a> {
+/// What corrects the particles at a sample; each has resamplings of its own.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Turn {
+    Scalar,
+    Fixes,
+    Further(Aid),
+}
+
+impl Turn {
+    fn place(self) -> usize {
+        match self {
+            Self::Scalar => 0,
+            Self::Fixes => 1,
+            Self::Further(aid) => 2 + aid.place(),
+        }
+    }
+}
+
+/// A filter of `N` states on its way along a line.
+pub(super) struct Filter<'a, const N: usize> {
     pub(super) line: &'a NavigationLine<'a>,
     pub(super) parameters: &'a MpfParameters,
-    pub(super) cloud: Cloud,
+    pub(super) cloud: Cloud<N>,
     /// The covariance of the linear states given a particle's position, that all particles share.
-    pub(super) p: StateMatrix,
-    predictor: Predictor<'a>,
-    resampler: Resampler,
+    pub(super) p: Square<N>,
+    aids: &'a Aids<'a>,
+    /// The states from 18 on.
+    layout: Layout,
+    look: Look<'a>,
+    predictor: Predictor,
+    resampler: Resampler<N>,
     clusters: Clusters,
-    offset_nt: f64,
     output: MpfOutput,
     /// Unexplained and collapsed samples in a row up to now.
     in_a_row: [usize; 2],
 }
 
-impl<'a> Filter<'a> {
+/// What a sample says of the filter.
+struct Sample {
+    innovation: Innovation,
+    usage: Usage,
+}
+
+impl<'a, const N: usize> Filter<'a, N> {
     /// The particles at the first sample, before its measurement.
-    pub(super) fn new(line: &'a NavigationLine<'a>, parameters: &'a MpfParameters) -> Self {
+    pub(super) fn new(
+        line: &'a NavigationLine<'a>,
+        aids: &'a Aids<'a>,
+        states: AidStates,
+        parameters: &'a MpfParameters,
+    ) -> Self {
         let ins = line.ins;
-        let mut p = line.errors.initial_covariance(ins.lat_deg[0].to_radians(), ins.alt_m[0]);
+        let of_ins = line.errors.initial_covariance(ins.lat_deg[0].to_radians(), ins.alt_m[0]);
+        let mut layout = Layout::default();
+        states.extend(&mut layout);
+        let mut p = [[0.0; N]; N];
+        for (row, of_ins) in p.iter_mut().zip(&of_ins) {
+            row[..STATES].copy_from_slice(of_ins);
+        }
+        for (state, error) in (STATES..).zip(&layout.errors) {
+            p[state][state] = error.sigma * error.sigma;
+        }
         let sigmas = [LAT, LON].map(|state| p[state][state].sqrt());
         (p[LAT][LAT], p[LON][LON]) = (0.0, 0.0);
         let cloud = Cloud::new(parameters.particles, sigmas, Draws::new(parameters.seed, Purpose::Start, 0));
@@ -51,9 +96,21 @@ impl<'a> Filter<'a> {
         output.track.report.offset_nt = offset_nt;
         output.track.report.offset_samples = samples;
         output.report.least_effective = parameters.particles as f64;
-        let predictor = Predictor::new(line, &cloud);
-        let (resampler, clusters) = (Resampler::default(), Clusters::default());
-        Self { line, parameters, cloud, p, predictor, resampler, clusters, offset_nt, output, in_a_row: [0; 2] }
+        let blocks = cloud.blocks.len();
+        Self {
+            line,
+            parameters,
+            cloud,
+            p,
+            aids,
+            layout,
+            look: Look::new(line, aids, states, offset_nt, blocks),
+            predictor: Predictor::new(blocks),
+            resampler: Resampler::default(),
+            clusters: Clusters::default(),
+            output,
+            in_a_row: [0; 2],
+        }
     }
 
     /// Filters the line.
@@ -63,57 +120,84 @@ impl<'a> Filter<'a> {
                 self.propagate(row);
             }
             self.aid(row);
-            let innovation = self.measure(row);
-            self.report(row, innovation)?;
-            let effective = self.output.effective.last().copied().unwrap_or(0.0);
-            if effective < self.parameters.resample_threshold * self.cloud.particles as f64 {
-                self.resample(row, 0);
-            }
+            let sample = self.measure(row);
+            self.report(row, &sample)?;
+            self.resample_where_few(Turn::Scalar, row, 0);
         }
         Ok(self.output)
     }
 
     fn propagate(&mut self, row: usize) {
         let step = self.line.step(row);
-        let spread = predict(&mut self.p, &step);
+        let lasting = |place: usize| {
+            let error = self.layout.error_at(place, step.speed_mps);
+            Lasting { decay: error.decay(step.dt_s), variance: error.step_variance(step.dt_s) }
+        };
+        let further: Vec<Lasting> = (0..self.layout.errors.len()).map(lasting).collect();
+        let spread = predict(&mut self.p, &step, &further);
         let draws = Draws::new(self.parameters.seed, Purpose::Motion, row);
-        self.cloud.propagate(&SparseTransition::of(&step.phi), &spread, draws);
+        self.cloud.propagate(&SparseTransition::of(&step.phi, &further), &spread, draws);
     }
 
-    /// Corrects weights, linear states and their covariance by the measurement of a row, where there is one to use.
-    fn measure(&mut self, row: usize) -> Innovation {
-        self.output.used.push(false);
-        let measured = self.line.measured(row, self.offset_nt).filter(|_| self.line.sigma_nt[row] > 0.0);
-        let Some(measured) = measured else {
-            self.output.track.report.missing_measurements += 1;
-            return Innovation::NONE;
-        };
-        let middle = self.cloud.mean();
-        let Some(fit) = self.predictor.look(self.line.ins, row, &self.cloud, &middle, &self.p, measured) else {
-            self.output.track.report.off_map += 1;
-            return Innovation::NONE;
-        };
+    /// Corrects weights, linear states and their covariance by the measurements of a row, where there are any to use.
+    fn measure(&mut self, row: usize) -> Sample {
+        let mut unexplained = false;
+        let scalar = self.take(Turn::Scalar, row, &mut unexplained);
+        let mut further = SampleInnovations::default();
+        let mut outcomes = vec![scalar];
+        for aid in Aid::ALL.into_iter().filter(|aid| self.aids.has(*aid)) {
+            let outcome = self.take(Turn::Further(aid), row, &mut unexplained);
+            if !outcome.innovation().nis.is_nan() {
+                further.note(aid, outcome.innovation());
+            }
+            if aid != Aid::Height {
+                outcomes.push(outcome);
+            }
+        }
+        self.output.aids.push(self.aids, &further);
+        let usage = Outcome::usage(&outcomes);
+        self.output.track.report.count(usage);
+        self.output.usage.push(usage);
+        if outcomes.iter().any(|outcome| !outcome.innovation().nis.is_nan()) {
+            let report = &mut self.output.report;
+            count(unexplained, &mut report.unexplained, &mut self.in_a_row[0], &mut report.unexplained_in_a_row);
+        }
+        let of_scalar = scalar.innovation();
+        let innovation = if of_scalar.nis.is_nan() { further.difference } else { of_scalar };
+        Sample { innovation, usage }
+    }
+
+    /// Corrects by one measurement of a row.
+    fn take(&mut self, turn: Turn, row: usize, unexplained: &mut bool) -> Outcome {
+        let Some((value, variance)) = self.look.measured(turn, row) else { return Outcome::Missing };
+        if turn != Turn::Scalar {
+            self.resample_where_few(turn, row, MOST_PARTS - 1);
+        }
+        let mut measured = Measured { value, variance, common: vec![] };
+        let Some(fit) = self.fit(turn, row, &mut measured) else { return Outcome::OffMap };
         let residual_nt = fit.residual_nt;
         let innovation = Innovation { residual_nt, nis: residual_nt * residual_nt / fit.variance_nt2 };
-        let unexplained = fit.best > UNEXPLAINED_NIS;
-        let report = &mut self.output.report;
-        count(unexplained, &mut report.unexplained, &mut self.in_a_row[0], &mut report.unexplained_in_a_row);
-        if unexplained || self.parameters.gate_nis.is_some_and(|gate| innovation.nis > gate) {
-            self.output.track.report.gated += 1;
-            return innovation;
+        let by_none = fit.best > UNEXPLAINED_NIS;
+        *unexplained |= by_none && turn != Turn::Further(Aid::Height);
+        if by_none || self.parameters.gate_nis.is_some_and(|gate| innovation.nis > gate) {
+            return Outcome::Gated(innovation);
         }
-        self.update(row, measured, fit.on_map);
-        self.output.track.report.updates += 1;
-        if let Some(used) = self.output.used.last_mut() {
-            *used = true;
-        }
-        innovation
+        self.update(turn, row, measured, fit.on_map);
+        Outcome::Used(innovation)
+    }
+
+    /// Looks a measurement up at every particle.
+    fn fit(&mut self, turn: Turn, row: usize, measured: &mut Measured) -> Option<Fit> {
+        let middle = self.cloud.mean();
+        measured.common = self.look.at(turn, row, &self.cloud, &middle, &mut self.predictor)?;
+        self.predictor.fit_of(&self.cloud, &self.p, measured)
     }
 
     /// Corrects by a measurement that was looked up: at once, or where next to no particle would be left, as several
     /// measurements of it whose inverse variances sum up to its own, with a resampling after each but the last.
-    fn update(&mut self, row: usize, (measured_nt, variance_nt2): (f64, f64), mut on_map: f64) {
+    fn update(&mut self, turn: Turn, row: usize, whole: Measured, mut on_map: f64) {
         let enough = LEAST_LEFT * self.cloud.particles as f64;
+        let mut common = whole.common.clone();
         let mut left = 1.0_f64;
         for part_of_row in 1.. {
             let mut part = left;
@@ -123,41 +207,42 @@ impl<'a> Filter<'a> {
                 && part_of_row < MOST_PARTS
             {
                 part *= 0.5;
-                self.predictor.compare_all(&self.cloud, &self.p, (measured_nt, variance_nt2 / part));
+                let some = Measured { common: common.clone(), ..whole.part(part) };
+                self.predictor.compare_all(&self.cloud, &self.p, &some);
             }
             let information = self.predictor.accept(&mut self.cloud);
-            self.cloud.correct(&self.p, &self.predictor.slopes, &self.predictor.residuals);
-            measure(&mut self.p, information);
+            let of_common = times(&self.p, &common);
+            self.cloud.correct(&self.p, &of_common, &self.predictor.slopes, &self.predictor.residuals);
+            measure(&mut self.p, &common, information);
             left -= part;
             if left <= 0.0 {
                 break;
             }
-            self.resample(row, part_of_row);
-            let middle = self.cloud.mean();
-            let rest = (measured_nt, variance_nt2 / left);
-            let Some(fit) = self.predictor.look(self.line.ins, row, &self.cloud, &middle, &self.p, rest) else { break };
-            on_map = fit.on_map;
+            self.resample(turn, row, part_of_row);
+            let mut rest = whole.part(left);
+            let Some(fit) = self.fit(turn, row, &mut rest) else { break };
+            (on_map, common) = (fit.on_map, rest.common);
         }
     }
 
     /// Appends the row to the output.
-    fn report(&mut self, row: usize, innovation: Innovation) -> Result<(), NavigationError> {
+    fn report(&mut self, row: usize, sample: &Sample) -> Result<(), NavigationError> {
         let Self { line, cloud, p, output, .. } = self;
         let mean = cloud.mean();
         let [a, b, c] = cloud.position_covariance(&mean);
         let fine = |x: f64| x.is_finite() && x >= 0.0;
-        if !(mean.iter().all(|x| x.is_finite()) && fine(a) && fine(c) && (0..STATES).all(|k| fine(p[k][k]))) {
+        if !(mean.iter().all(|x| x.is_finite()) && fine(a) && fine(c) && (0..N).all(|k| fine(p[k][k]))) {
             return Err(NavigationError::Diverged { row, tt_s: line.ins.tt_s[row] });
         }
         let effective = cloud.effective();
         output.effective.push(effective);
         let report = &mut output.report;
         report.least_effective = report.least_effective.min(effective);
-        if output.used.last() == Some(&true) {
+        if sample.usage == Usage::Used {
             let collapsed = effective < 2.0 && cloud.particles > 2;
             count(collapsed, &mut report.collapsed, &mut self.in_a_row[1], &mut report.collapsed_in_a_row);
         }
-        let (ins, earth) = (line.ins, line.errors.earth);
+        let (ins, earth, innovation) = (line.ins, line.errors.earth, sample.innovation);
         if self.parameters.keep_covariance {
             let mut all = cloud.covariance(&mean);
             add(&mut all, p);
@@ -177,18 +262,22 @@ impl<'a> Filter<'a> {
         Ok(())
     }
 
-    fn resample(&mut self, row: usize, part: usize) {
-        self.resample_as(row, row * MOST_PARTS + part);
-    }
-
-    /// Resamples at a row, by draws of a number that no other resampling of the line has.
-    pub(super) fn resample_as(&mut self, row: usize, number: usize) {
+    /// Resamples at a row. `turn` and `part` name the draws, which no other resampling of the line has.
+    pub(super) fn resample(&mut self, turn: Turn, row: usize, part: usize) {
+        let number = (turn.place() * self.line.ins.len() + row) * MOST_PARTS + part;
         let MpfParameters { seed, regularise, roughening, smooth_over_m, .. } = *self.parameters;
         let lat_rad = self.line.ins.lat_deg[row].to_radians();
         let (north, east) = self.line.errors.earth.north_east_m_per_rad(lat_rad, self.line.ins.alt_m[row]);
         let how = Resampling { seed, regularise, roughening, smooth_over_m, m_per_rad: [north, east] };
         self.resampler.resample(how, number, &mut self.cloud, &mut self.p);
         self.output.report.resamplings += 1;
+    }
+
+    /// Resamples where the effective number of particles is below the threshold.
+    pub(super) fn resample_where_few(&mut self, turn: Turn, row: usize, part: usize) {
+        if self.cloud.effective() < self.parameters.resample_threshold * self.cloud.particles as f64 {
+            self.resample(turn, row, part);
+        }
     }
 }
 
@@ -203,7 +292,7 @@ fn count(happens: bool, all: &mut usize, in_a_row: &mut usize, most: &mut usize)
     }
 }
 
-fn add(to: &mut StateMatrix, from: &StateMatrix) {
+fn add<const N: usize>(to: &mut Square<N>, from: &Square<N>) {
     for (to, from) in to.as_flattened_mut().iter_mut().zip(from.as_flattened()) {
         *to += from;
     }

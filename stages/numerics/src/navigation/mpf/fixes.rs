@@ -1,11 +1,11 @@
 //! Positions from elsewhere as the particles take them.
 
-use crate::navigation::pinson::{ALT, STATES};
+use crate::navigation::pinson::ALT;
 use crate::navigation::position_fixes::StateFix;
 
-use super::cloud::{BLOCK, Cloud, Lanes, NO_SUMS, accumulate, total};
+use super::cloud::{BLOCK, Block, Cloud, Lanes, NO_SUMS, accumulate, total};
 use super::covariance::correct;
-use super::filter::{Filter, LEAST_LEFT, MOST_PARTS};
+use super::filter::{Filter, LEAST_LEFT, MOST_PARTS, Turn};
 
 /// The smallest part of what is left of a fix: a cloud of kilometres meets a fix of metres.
 const LEAST_PART: f64 = 1e-12;
@@ -17,7 +17,7 @@ struct Weighed {
     effective: f64,
 }
 
-impl Filter<'_> {
+impl<const N: usize> Filter<'_, N> {
     /// Corrects weights, linear states and their covariance by the positions from elsewhere of a row.
     pub(super) fn aid(&mut self, row: usize) {
         let [lat, lon, alt] = self.line.fixes_at(row);
@@ -29,20 +29,15 @@ impl Filter<'_> {
             self.fix_position(row, &horizontal);
         }
         let fixed = alt.is_some() || !horizontal.is_empty();
-        if fixed && self.cloud.effective() < self.parameters.resample_threshold * self.cloud.particles as f64 {
-            self.resample_as(row, self.number(row, MOST_PARTS - 1));
+        if fixed {
+            self.resample_where_few(Turn::Fixes, row, MOST_PARTS - 1);
         }
-    }
-
-    /// Of a resampling among the fixes of a row: those of its measurement have the numbers before.
-    fn number(&self, row: usize, part: usize) -> usize {
-        (self.line.ins.len() + row) * MOST_PARTS + part
     }
 
     /// The height, which is linear given the position: one gain for all particles.
     fn fix_height(&mut self, StateFix { error, variance, .. }: StateFix) {
         let total = self.p[ALT][ALT] + variance;
-        let gain: [f64; STATES] = std::array::from_fn(|state| self.p[state][ALT] / total);
+        let gain: [f64; N] = std::array::from_fn(|state| self.p[state][ALT] / total);
         let mut logs = vec![[0.0; BLOCK]; self.cloud.blocks.len()];
         for (block, logs) in self.cloud.blocks.iter_mut().zip(&mut logs) {
             for (lane, log) in logs.iter_mut().enumerate() {
@@ -55,7 +50,7 @@ impl Filter<'_> {
         }
         let weighed = weighed(&self.cloud, &logs, 1.0);
         self.accept(weighed);
-        correct(&mut self.p, [(ALT, 1.0), (ALT, 0.0)], variance);
+        correct(&mut self.p, &[(ALT, 1.0)], variance);
     }
 
     /// Latitude and longitude, by the weights: at once, or where next to no particle would be left in parts, as several
@@ -77,7 +72,7 @@ impl Filter<'_> {
             if left <= 0.0 {
                 break;
             }
-            self.resample_as(row, self.number(row, part_of_row));
+            self.resample(Turn::Fixes, row, part_of_row);
         }
     }
 
@@ -87,15 +82,15 @@ impl Filter<'_> {
 }
 
 /// The logarithm of the likelihood of each particle's position, but for a constant.
-fn log_likelihoods(cloud: &Cloud, fixes: &[StateFix]) -> Vec<Lanes> {
-    let of = |lane: usize, block: &[Lanes; STATES]| -> f64 {
+fn log_likelihoods<const N: usize>(cloud: &Cloud<N>, fixes: &[StateFix]) -> Vec<Lanes> {
+    let of = |lane: usize, block: &Block<N>| -> f64 {
         fixes.iter().map(|fix| -0.5 * (fix.error - block[fix.state][lane]).powi(2) / fix.variance).sum()
     };
     cloud.blocks.iter().map(|block| std::array::from_fn(|lane| of(lane, block))).collect()
 }
 
 /// The weights of a cloud times a part of the likelihoods.
-fn weighed(cloud: &Cloud, logs: &[Lanes], part: f64) -> Weighed {
+fn weighed<const N: usize>(cloud: &Cloud<N>, logs: &[Lanes], part: f64) -> Weighed {
     let mut log_weights = cloud.log_weights.clone();
     let mut most = f64::NEG_INFINITY;
     for (weights, logs) in log_weights.iter_mut().zip(logs) {

@@ -1,26 +1,39 @@
 //! A measurement as all particles see it.
 
-use crate::maps::map_stack::FieldMap;
-use crate::maps::map_surface::FieldColumns;
-use crate::navigation::ins_series::InsSeries;
-use crate::navigation::line::NavigationLine;
-use crate::navigation::pinson::{ALT, LAT, LON, S, StateMatrix, StateVector};
+use crate::navigation::pinson::ALT;
 
-use super::cloud::{BLOCK, Block, Cloud, Lanes, NO_SUMS, accumulate, total};
-use super::core_expansion::CoreExpansion;
-use super::covariance::Information;
+use super::cloud::{BLOCK, Cloud, Lanes, NO_SUMS, accumulate, total};
+use super::covariance::{Information, Square, dot, times};
 
 /// Less of the weight than this on the map, and the measurement is not used: what the few would say of it is not the
 /// cloud's.
 const LEAST_ON_MAP: f64 = 0.1;
 
-/// The field at every particle, and what a measurement makes of it.
+/// A scalar measurement of z = v(position) + u·x + white noise, where v is of each particle and the row u of all.
 #[derive(Clone, Debug)]
-pub(super) struct Predictor<'a> {
-    map: &'a FieldMap,
-    core: Option<CoreExpansion>,
-    places: [Vec<f64>; 3],
-    field: FieldColumns,
+pub(super) struct Measured {
+    /// z.
+    pub(super) value: f64,
+    /// The variance of the white noise.
+    pub(super) variance: f64,
+    /// The entries of u, over linear states.
+    pub(super) common: Vec<(usize, f64)>,
+}
+
+impl Measured {
+    /// The same with a part of its information.
+    pub(super) fn part(&self, part: f64) -> Self {
+        Self { variance: self.variance / part, ..self.clone() }
+    }
+}
+
+/// What is measured at every particle, and what a measurement makes of it.
+#[derive(Clone, Debug)]
+pub(super) struct Predictor {
+    /// v at each particle; NaN off the map.
+    pub(super) values: Vec<Lanes>,
+    /// Its change with height.
+    pub(super) d_alt: Vec<Lanes>,
     /// The change of the field with height at each particle, in nT/m; 0 off the map.
     pub(super) slopes: Vec<Lanes>,
     /// Residual over its variance at each particle, in 1/nT; 0 off the map.
@@ -47,15 +60,12 @@ pub(super) struct Fit {
     pub(super) best: f64,
 }
 
-impl<'a> Predictor<'a> {
-    pub(super) fn new(line: &NavigationLine<'a>, cloud: &Cloud) -> Self {
-        let lanes = || vec![[0.0; BLOCK]; cloud.blocks.len()];
-        let column = || vec![0.0; cloud.blocks.len() * BLOCK];
+impl Predictor {
+    pub(super) fn new(blocks: usize) -> Self {
+        let lanes = || vec![[0.0; BLOCK]; blocks];
         Self {
-            map: line.map,
-            core: line.core.map(|core| CoreExpansion::new(core.clone())),
-            places: [column(), column(), column()],
-            field: FieldColumns::default(),
+            values: lanes(),
+            d_alt: lanes(),
             slopes: lanes(),
             residuals: lanes(),
             inverses: lanes(),
@@ -65,74 +75,48 @@ impl<'a> Predictor<'a> {
         }
     }
 
-    /// Looks a measurement up at every particle; `middle` is the mean state. `None` where less than [`LEAST_ON_MAP`] of
-    /// the weight has a value.
-    pub(super) fn look(
+    /// Compares every particle with a measurement whose values are there. `None` where less than [`LEAST_ON_MAP`] of the
+    /// weight has one.
+    pub(super) fn fit_of<const N: usize>(
         &mut self,
-        ins: &InsSeries<'_>,
-        row: usize,
-        cloud: &Cloud,
-        middle: &StateVector,
-        p: &StateMatrix,
-        (measured_nt, variance_nt2): (f64, f64),
+        cloud: &Cloud<N>,
+        p: &Square<N>,
+        measured: &Measured,
     ) -> Option<Fit> {
-        let origin = [ins.lat_deg[row], ins.lon_deg[row], ins.alt_m[row]];
-        self.place(&cloud.blocks, origin);
-        let [lat_deg, lon_deg, alt_m] = &self.places;
-        // Three columns of one length are never refused.
-        self.map.at_many(lat_deg, lon_deg, alt_m, &mut self.field).ok()?;
-        if let Some(core) = &mut self.core {
-            let [lat, lon, alt] = origin;
-            core.follow(lat + middle[LAT].to_degrees(), lon + middle[LON].to_degrees(), alt + middle[ALT]);
-        }
-        self.compare_all(cloud, p, (measured_nt, variance_nt2));
+        self.compare_all(cloud, p, measured);
         let fit = self.fit(cloud);
         (fit.on_map >= LEAST_ON_MAP).then_some(fit)
     }
 
-    /// Residuals, their variances and likelihoods for a measurement and its variance, at the places last looked up.
-    pub(super) fn compare_all(&mut self, cloud: &Cloud, p: &StateMatrix, (measured_nt, variance_nt2): (f64, f64)) {
+    /// Residuals, their variances and likelihoods for a measurement whose values are there.
+    pub(super) fn compare_all<const N: usize>(&mut self, cloud: &Cloud<N>, p: &Square<N>, measured: &Measured) {
+        let Measured { value, variance, common } = measured;
+        let of_common = times(p, common);
+        let (puu, pau, paa) = (dot(common, &of_common), of_common[ALT], p[ALT][ALT]);
         for (number, block) in cloud.blocks.iter().enumerate() {
-            self.compare(number, block, p, measured_nt, variance_nt2);
-        }
-    }
-
-    /// The positions of the particles.
-    fn place(&mut self, blocks: &[Block], origin: [f64; 3]) {
-        let [lats, lons, alts] = &mut self.places;
-        let columns = lats.chunks_exact_mut(BLOCK).zip(lons.chunks_exact_mut(BLOCK)).zip(alts.chunks_exact_mut(BLOCK));
-        for (block, ((lat, lon), alt)) in blocks.iter().zip(columns) {
+            let (values, d_alt) = (&self.values[number], &self.d_alt[number]);
+            let (slopes, residuals) = (&mut self.slopes[number], &mut self.residuals[number]);
+            let (inverses, logs) = (&mut self.inverses[number], &mut self.log_likelihoods[number]);
+            let mut own = [0.0; BLOCK];
+            for (state, entry) in common {
+                own.iter_mut().zip(&block[*state]).for_each(|(own, x)| *own += entry * x);
+            }
             for lane in 0..BLOCK {
-                lat[lane] = origin[0] + block[LAT][lane].to_degrees();
-                lon[lane] = origin[1] + block[LON][lane].to_degrees();
-                alt[lane] = origin[2] + block[ALT][lane];
+                let slope = d_alt[lane];
+                let residual = value - (values[lane] + own[lane]);
+                let total = variance + puu + slope * (2.0 * pau + slope * paa);
+                let inverse = 1.0 / total;
+                let known = residual.is_finite() && inverse.is_finite();
+                slopes[lane] = if known { slope } else { 0.0 };
+                residuals[lane] = if known { residual * inverse } else { 0.0 };
+                inverses[lane] = if known { inverse } else { 0.0 };
+                logs[lane] = if known { -0.5 * (residual * residual * inverse + total.ln()) } else { f64::NAN };
             }
         }
     }
 
-    /// Residuals, their variances and likelihoods in a block.
-    fn compare(&mut self, number: usize, block: &Block, p: &StateMatrix, measured_nt: f64, variance_nt2: f64) {
-        let Self { core, places: [lats, lons, alts], field, .. } = self;
-        let (slopes, residuals) = (&mut self.slopes[number], &mut self.residuals[number]);
-        let (inverses, logs) = (&mut self.inverses[number], &mut self.log_likelihoods[number]);
-        for lane in 0..BLOCK {
-            let index = number * BLOCK + lane;
-            let (core_nt, core_slope) =
-                core.as_ref().map_or((0.0, 0.0), |core| core.at(lats[index], lons[index], alts[index]));
-            let (value, slope) = (field.value_nt[index] + core_nt, field.d_alt_nt_per_m[index] + core_slope);
-            let residual = measured_nt - (value + block[S][lane]);
-            let variance = variance_nt2 + p[S][S] + slope * (2.0 * p[ALT][S] + slope * p[ALT][ALT]);
-            let inverse = 1.0 / variance;
-            let known = residual.is_finite() && inverse.is_finite();
-            slopes[lane] = if known { slope } else { 0.0 };
-            residuals[lane] = if known { residual * inverse } else { 0.0 };
-            inverses[lane] = if known { inverse } else { 0.0 };
-            logs[lane] = if known { -0.5 * (residual * residual * inverse + variance.ln()) } else { f64::NAN };
-        }
-    }
-
     /// The residual of the cloud as its weights are.
-    fn fit(&self, cloud: &Cloud) -> Fit {
+    fn fit<const N: usize>(&self, cloud: &Cloud<N>) -> Fit {
         let (mut on_map, mut first, mut second, mut own) = (NO_SUMS, NO_SUMS, NO_SUMS, NO_SUMS);
         let mut best = f64::INFINITY;
         for (number, weights) in cloud.weights.iter().enumerate() {
@@ -156,7 +140,7 @@ impl<'a> Predictor<'a> {
 
     /// The weights times the likelihoods; those of particles off the map times the mean likelihood of the others, so
     /// that the part of the weight that is off the map stays as it is. Hands back the effective number of particles.
-    pub(super) fn weigh(&mut self, cloud: &Cloud, on_map: f64) -> f64 {
+    pub(super) fn weigh<const N: usize>(&mut self, cloud: &Cloud<N>, on_map: f64) -> f64 {
         let mut most = f64::NEG_INFINITY;
         for (logs, likelihoods) in cloud.log_weights.iter().zip(&self.log_likelihoods) {
             // The maximum of a number and NaN is the number.
@@ -191,15 +175,15 @@ impl<'a> Predictor<'a> {
     }
 
     /// Makes the weights of [`Self::weigh`] those of the cloud; the sums that the common covariance needs.
-    pub(super) fn accept(&mut self, cloud: &mut Cloud) -> Information {
+    pub(super) fn accept<const N: usize>(&mut self, cloud: &mut Cloud<N>) -> Information {
         std::mem::swap(&mut cloud.weights, &mut self.weights);
         std::mem::swap(&mut cloud.log_weights, &mut self.log_weights);
-        let (mut s, mut alt_s, mut alt) = (NO_SUMS, NO_SUMS, NO_SUMS);
+        let (mut common, mut alt_common, mut alt) = (NO_SUMS, NO_SUMS, NO_SUMS);
         for (weights, (inverses, slopes)) in cloud.weights.iter().zip(self.inverses.iter().zip(&self.slopes)) {
-            accumulate(&mut s, |lane| weights[lane] * inverses[lane]);
-            accumulate(&mut alt_s, |lane| weights[lane] * inverses[lane] * slopes[lane]);
+            accumulate(&mut common, |lane| weights[lane] * inverses[lane]);
+            accumulate(&mut alt_common, |lane| weights[lane] * inverses[lane] * slopes[lane]);
             accumulate(&mut alt, |lane| weights[lane] * inverses[lane] * slopes[lane] * slopes[lane]);
         }
-        Information { s: total(&s), alt_s: total(&alt_s), alt: total(&alt) }
+        Information { common: total(&common), alt_common: total(&alt_common), alt: total(&alt) }
     }
 }

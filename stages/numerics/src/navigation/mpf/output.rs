@@ -1,6 +1,7 @@
 //! What the filter makes of a line.
 
 use crate::earth::geodesy::EarthModel;
+use crate::navigation::aids::{AidInnovations, Usage};
 use crate::navigation::ins_series::InsSeries;
 use crate::navigation::output::NavigationOutput;
 use crate::navigation::pinson::{LAT, LON};
@@ -18,8 +19,10 @@ pub struct MpfOutput {
     pub track: NavigationOutput,
     /// The effective number of particles 1/Σq² after the measurement of each sample, before resampling.
     pub effective: Vec<f64>,
-    /// Whether the measurement of each sample was used.
-    pub used: Vec<bool>,
+    /// What became of each sample.
+    pub usage: Vec<Usage>,
+    /// The innovations of the further measurements, each of the whole cloud as that of the field.
+    pub aids: AidInnovations,
     /// The modes of the samples that [`super::MpfParameters::modes_every`] asks for, and of the last sample.
     pub modes: Vec<ModesAt>,
     /// What became of the particles.
@@ -31,9 +34,9 @@ pub struct MpfOutput {
 pub struct MpfReport {
     /// How often the particles were resampled.
     pub resamplings: usize,
-    /// Measurements that no particle explains ([`super::UNEXPLAINED_NIS`]); they are not used.
+    /// Samples with a measurement of the field that no particle explains ([`super::UNEXPLAINED_NIS`]), which is not used.
     pub unexplained: usize,
-    /// The most of them in a row, missing measurements left out.
+    /// The most of them in a row, samples without a measurement left out.
     pub unexplained_in_a_row: usize,
     /// Samples with an effective number of particles below 2 after their measurement: one particle is the estimate,
     /// and its covariance means nothing.
@@ -79,9 +82,9 @@ struct Sums {
 }
 
 /// The modes of a cloud at a row, from the heaviest down.
-pub(super) fn modes_of(
+pub(super) fn modes_of<const N: usize>(
     clusters: &mut Clusters,
-    cloud: &Cloud,
+    cloud: &Cloud<N>,
     ins: &InsSeries<'_>,
     row: usize,
     earth: EarthModel,

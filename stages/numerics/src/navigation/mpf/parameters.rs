@@ -17,7 +17,7 @@ pub struct MpfParameters {
     /// navigation-grade INS, whose position error is driven by next to no noise, leaves copies of a few particles.
     pub regularise: bool,
     /// A distance over which the map is nearly linear, about the height above its sources: a cloud that is wider gets a
-    /// kernel for each of its parts, in m.
+    /// kernel for each of its parts, in m. For a difference it is the slope that is to be linear.
     pub smooth_over_m: f64,
     /// Independent noise for the position of each resampled particle, by axis: this times the range of the particles
     /// over the root of their number [Gordon, Salmond & Smith 1993, who use 0.2]; 0 adds none.

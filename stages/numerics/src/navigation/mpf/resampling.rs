@@ -1,9 +1,9 @@
 //! Resampling: systematic, from the particles or from a kernel density of them.
 
-use crate::navigation::pinson::{LAT, LON, STATES, StateMatrix, StateVector};
+use crate::navigation::pinson::{LAT, LON};
 
 use super::cloud::{BLOCK, Block, Cloud, add_outer};
-use super::covariance::{Spread, condition_on_position};
+use super::covariance::{Spread, Square, condition_on_position};
 use super::draws::{Draws, Purpose};
 use super::modes::Clusters;
 use super::partition::Partition;
@@ -21,18 +21,18 @@ pub(super) struct Resampling {
 
 /// Memory that is used again at each resampling.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Resampler {
+pub(super) struct Resampler<const N: usize> {
     ancestors: Vec<u32>,
     weights: Vec<f64>,
-    blocks: Vec<Block>,
+    blocks: Vec<Block<N>>,
     cells: Partition,
     clusters: Clusters,
 }
 
-impl Resampler {
+impl<const N: usize> Resampler<N> {
     /// Draws as many particles as there are, each with its weight for a probability, and makes their weights equal.
     /// `p` is the covariance that they share, to which a kernel adds its linear part.
-    pub(super) fn resample(&mut self, how: Resampling, row: usize, cloud: &mut Cloud, p: &mut StateMatrix) {
+    pub(super) fn resample(&mut self, how: Resampling, row: usize, cloud: &mut Cloud<N>, p: &mut Square<N>) {
         let [uniform, _] = Draws::new(how.seed, Purpose::Resampling, row).uniforms(0);
         self.weights.clear();
         self.weights.extend(cloud.weights.as_flattened().iter().take(cloud.particles));
@@ -60,7 +60,7 @@ impl Resampler {
     }
 
     /// The kernels of the position by cell, and of the linear states by mode.
-    fn kernels(&mut self, how: Resampling, cloud: &Cloud) -> (Vec<PositionKernel>, Vec<LinearKernel>) {
+    fn kernels(&mut self, how: Resampling, cloud: &Cloud<N>) -> (Vec<PositionKernel>, Vec<LinearKernel<N>>) {
         let Self { weights, cells, clusters, .. } = self;
         let at = |index: usize| {
             let [lat, lon] = position(cloud, index);
@@ -69,7 +69,7 @@ impl Resampler {
         cells.divide(weights, how.smooth_over_m, at);
         clusters.find(weights, at);
         let of_cells = moments::<2>(weights, &cells.labels, cells.count, |index| position(cloud, index));
-        let of_modes = moments::<STATES>(weights, &clusters.labels, clusters.count, |index| cloud.particle(index));
+        let of_modes = moments::<N>(weights, &clusters.labels, clusters.count, |index| cloud.particle(index));
         let cells = of_cells.iter().map(PositionKernel::new).collect();
         (cells, of_modes.into_iter().map(LinearKernel::new).collect())
     }
@@ -141,25 +141,25 @@ impl PositionKernel {
 }
 
 /// The kernel of the linear states in one mode: not drawn, but made part of the covariance that the particles share.
-struct LinearKernel {
+struct LinearKernel<const N: usize> {
     weight: f64,
-    mean: StateVector,
+    mean: [f64; N],
     /// The first two columns of the Cholesky factor of the mode's covariance: the regression on the position.
-    spread: Spread,
+    spread: Spread<N>,
     /// What is left of its covariance given the position.
-    rest: StateMatrix,
+    rest: Square<N>,
     width: f64,
 }
 
-impl LinearKernel {
-    fn new(of: Moments<STATES>) -> Self {
+impl<const N: usize> LinearKernel<N> {
+    fn new(of: Moments<N>) -> Self {
         let mut rest = of.covariance;
         let spread = condition_on_position(&mut rest);
         Self { weight: of.weight, mean: of.mean, spread, rest, width: bandwidth(of.effective) }
     }
 
     /// The linear states that the regression lets expect at a position.
-    fn expected(&self, at: [f64; 2]) -> StateVector {
+    fn expected(&self, at: [f64; 2]) -> [f64; N] {
         let over = |off: f64, root: f64| if root > 0.0 { off / root } else { 0.0 };
         let north = over(at[0] - self.mean[LAT], self.spread[LAT][0]);
         let east = over(at[1] - self.mean[LON] - self.spread[LON][0] * north, self.spread[LON][1]);
@@ -167,16 +167,16 @@ impl LinearKernel {
     }
 
     /// A particle that moves to another position, its linear states with it.
-    fn follow(&self, x: &StateVector, to: [f64; 2]) -> StateVector {
+    fn follow(&self, x: &[f64; N], to: [f64; 2]) -> [f64; N] {
         let closer = (1.0 - self.width * self.width).sqrt();
         let (here, there) = (self.expected([x[LAT], x[LON]]), self.expected(to));
-        let mut moved: StateVector = std::array::from_fn(|state| there[state] + closer * (x[state] - here[state]));
+        let mut moved: [f64; N] = std::array::from_fn(|state| there[state] + closer * (x[state] - here[state]));
         (moved[LAT], moved[LON]) = (to[0], to[1]);
         moved
     }
 
     /// Adds the kernel's covariance.
-    fn add_rest(&self, p: &mut StateMatrix) {
+    fn add_rest(&self, p: &mut Square<N>) {
         let part = self.weight * self.width * self.width;
         for (p, rest) in p.as_flattened_mut().iter_mut().zip(self.rest.as_flattened()) {
             *p += part * rest;
@@ -194,7 +194,7 @@ fn bandwidth(effective: f64) -> f64 {
 const WIDEST: f64 = 0.7;
 
 /// The latitude and longitude of a particle.
-pub(super) fn position(cloud: &Cloud, index: usize) -> [f64; 2] {
+pub(super) fn position<const N: usize>(cloud: &Cloud<N>, index: usize) -> [f64; 2] {
     let (block, lane) = (&cloud.blocks[index / BLOCK], index % BLOCK);
     [block[LAT][lane], block[LON][lane]]
 }
@@ -217,7 +217,7 @@ fn systematic(weights: &[f64], uniform: f64, ancestors: &mut Vec<u32>) {
 }
 
 /// Independent normals for the position, by axis, of `factor` times the range over the root of the number.
-fn roughen(cloud: &mut Cloud, factor: f64, draws: Draws) {
+fn roughen<const N: usize>(cloud: &mut Cloud<N>, factor: f64, draws: Draws) {
     let mut ranges = [(f64::INFINITY, f64::NEG_INFINITY); 2];
     for index in 0..cloud.particles {
         for (range, x) in ranges.iter_mut().zip(position(cloud, index)) {

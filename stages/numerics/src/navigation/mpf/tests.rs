@@ -5,6 +5,7 @@ use crate::earth::EarthModel;
 use crate::earth::core_field::CoreField;
 use crate::maps::map_surface::VerticalDerivative;
 use crate::maps::{FieldMap, GeographicGrid, Interpolation, MapSurface};
+use crate::navigation::aids::Usage;
 use crate::navigation::ekf::{self, EkfParameters};
 use crate::navigation::osborne::{Line, core_field, grid, temporal_nt};
 use crate::navigation::pinson::{ALT, LAT, LON, S, STATES, StateMatrix, StateVector};
@@ -126,6 +127,7 @@ impl Scene {
                 offset_window_s: 0.0,
                 fixes: None,
             },
+            &Aids::default(),
         )
     }
 
@@ -143,6 +145,10 @@ impl Scene {
         };
         ekf::run(&parameters, &ins, &self.measured_nt, &self.map, None).unwrap()
     }
+}
+
+fn used(output: &MpfOutput, row: usize) -> bool {
+    output.usage[row] == Usage::Used
 }
 
 /// All numbers of an answer, as bits.
@@ -229,16 +235,16 @@ fn law_a_measurement_leaves_the_mean_of_the_covariances_of_the_particles() {
         let mut own = p;
         if let Some(slope) = slope {
             let variance = 25.0 + p[S][S] + 2.0 * slope * p[ALT][S] + slope * slope * p[ALT][ALT];
-            correct(&mut own, [(S, 1.0), (ALT, slope)], 25.0);
-            sums.s += weight / variance;
-            sums.alt_s += weight * slope / variance;
+            correct(&mut own, &[(S, 1.0), (ALT, slope)], 25.0);
+            sums.common += weight / variance;
+            sums.alt_common += weight * slope / variance;
             sums.alt += weight * slope * slope / variance;
         }
         for (sum, own) in expected.as_flattened_mut().iter_mut().zip(own.as_flattened()) {
             *sum += weight * own;
         }
     }
-    measure(&mut p, sums);
+    measure(&mut p, &[(S, 1.0)], sums);
     for (a, b) in p.as_flattened().iter().zip(expected.as_flattened()) {
         assert!((a - b).abs() < 1e-13, "{a} {b}");
     }
@@ -374,7 +380,7 @@ fn law_missing_measurements_are_predicted_through_and_counted() {
     let out = scene.run(&MpfParameters::default());
     let report = out.track.report;
     assert_eq!((report.missing_measurements, report.updates), (15, 65));
-    assert!([0, 15, 30, 31, 32, 33].iter().all(|row| out.track.residual_nt[*row].is_nan() && !out.used[*row]));
+    assert!([0, 15, 30, 31, 32, 33].iter().all(|row| out.track.residual_nt[*row].is_nan() && !used(&out, *row)));
     assert!(out.track.lat_deg.iter().chain(&out.track.sd_n_m).all(|x| x.is_finite()));
     scene.measured_nt.fill(f64::NAN);
     let out = scene.run(&MpfParameters::default());
@@ -425,7 +431,7 @@ fn law_what_no_particle_explains_is_left_out_and_counted() {
     let (out, expected) = (spiked.run(&parameters), missing.run(&parameters));
     assert_eq!((out.track.report.gated, out.report.unexplained, out.report.unexplained_in_a_row), (2, 2, 2));
     assert_eq!(out.track.lat_deg, expected.track.lat_deg, "as if they had not been measured");
-    assert!(out.track.nis[40] > 1e6 && !out.used[40]);
+    assert!(out.track.nis[40] > 1e6 && !used(&out, 40));
     // A gate leaves out more.
     let gated = clean.run(&MpfParameters { gate_nis: Some(4.0), ..parameters });
     assert!(gated.track.report.gated > 0 && gated.report.unexplained == 0);

@@ -208,7 +208,7 @@ fn law_a_map_error_that_lasts_is_a_state_and_not_white() {
 }
 
 /// A vector magnetometer with biases, in the crustal field of a flight.
-fn vector_nt(flight: &Flight, seed: u64) -> [Vec<f64>; 3] {
+pub(super) fn vector_nt(flight: &Flight, seed: u64) -> [Vec<f64>; 3] {
     let mut normals = Normals::new(seed);
     let (world, columns) = (world(), &flight.truth.columns);
     let mut of = |sigma: f64, tau_s: f64| GaussMarkov { sigma, tau_s }.realisation(&columns[0], || normals.draw());

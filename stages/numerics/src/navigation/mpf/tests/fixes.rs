@@ -38,7 +38,7 @@ fn with_fixes(scene: &Scene, fixes: &PositionFixes, parameters: &MpfParameters) 
         offset_window_s: 0.0,
         fixes: Some(fixes),
     };
-    run(parameters, &line).unwrap()
+    run(parameters, &line, &Aids::default()).unwrap()
 }
 
 fn exact(scene: &Scene, fixes: &PositionFixes) -> NavigationOutput {

@@ -48,7 +48,7 @@ impl Flight {
             offset_window_s: 0.0,
             fixes: None,
         };
-        run(&MpfParameters { keep_states: true, ..parameters }, &line).unwrap()
+        run(&MpfParameters { keep_states: true, ..parameters }, &line, &Aids::default()).unwrap()
     }
 
     fn ekf(&self) -> NavigationOutput {
@@ -136,7 +136,7 @@ fn unit_time_of_a_step() {
         for _ in 0..5 {
             let start = std::time::Instant::now();
             let out = flight.mpf(MpfParameters { particles, ..MpfParameters::default() });
-            best = best.min(start.elapsed().as_secs_f64() * 1e6 / out.used.len() as f64);
+            best = best.min(start.elapsed().as_secs_f64() * 1e6 / out.usage.len() as f64);
         }
         println!("{particles} particles: {best:.0} microseconds a step");
     }
