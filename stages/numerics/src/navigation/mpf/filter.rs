@@ -150,6 +150,7 @@ impl<'a, const N: usize> Filter<'a, N> {
             if !outcome.innovation().nis.is_nan() {
                 further.note(aid, outcome.innovation());
             }
+            // What becomes of a height says nothing of the map.
             if aid != Aid::Height {
                 outcomes.push(outcome);
             }
@@ -171,7 +172,7 @@ impl<'a, const N: usize> Filter<'a, N> {
     fn take(&mut self, turn: Turn, row: usize, unexplained: &mut bool) -> Outcome {
         let Some((value, variance)) = self.look.measured(turn, row) else { return Outcome::Missing };
         if turn != Turn::Scalar {
-            self.resample_where_few(turn, row, MOST_PARTS - 1);
+            self.resample_where_few(turn, row, 0);
         }
         let mut measured = Measured { value, variance, common: vec![] };
         let Some(fit) = self.fit(turn, row, &mut measured) else { return Outcome::OffMap };
@@ -195,9 +196,8 @@ impl<'a, const N: usize> Filter<'a, N> {
 
     /// Corrects by a measurement that was looked up: at once, or where next to no particle would be left, as several
     /// measurements of it whose inverse variances sum up to its own, with a resampling after each but the last.
-    fn update(&mut self, turn: Turn, row: usize, whole: Measured, mut on_map: f64) {
+    fn update(&mut self, turn: Turn, row: usize, mut whole: Measured, mut on_map: f64) {
         let enough = LEAST_LEFT * self.cloud.particles as f64;
-        let mut common = whole.common.clone();
         let mut left = 1.0_f64;
         for part_of_row in 1.. {
             let mut part = left;
@@ -207,13 +207,12 @@ impl<'a, const N: usize> Filter<'a, N> {
                 && part_of_row < MOST_PARTS
             {
                 part *= 0.5;
-                let some = Measured { common: common.clone(), ..whole.part(part) };
-                self.predictor.compare_all(&self.cloud, &self.p, &some);
+                self.predictor.compare_all(&self.cloud, &self.p, &whole.part(part));
             }
             let information = self.predictor.accept(&mut self.cloud);
-            let of_common = times(&self.p, &common);
+            let of_common = times(&self.p, &whole.common);
             self.cloud.correct(&self.p, &of_common, &self.predictor.slopes, &self.predictor.residuals);
-            measure(&mut self.p, &common, information);
+            measure(&mut self.p, &whole.common, information);
             left -= part;
             if left <= 0.0 {
                 break;
@@ -221,7 +220,7 @@ impl<'a, const N: usize> Filter<'a, N> {
             self.resample(turn, row, part_of_row);
             let mut rest = whole.part(left);
             let Some(fit) = self.fit(turn, row, &mut rest) else { break };
-            (on_map, common) = (fit.on_map, rest.common);
+            (on_map, whole.common) = (fit.on_map, rest.common);
         }
     }
 
