@@ -126,9 +126,10 @@ fn unit_what_cannot_be_measured_is_refused_before_the_run() {
     refused("vector = 'flux_d'\nvector_sigma_nt = 5.0", "`core_field = false` is without");
     refused("height = 'mag_1_c'", "mag_1_c");
     refused("flat_over_m = 0.0", "flat_over_m");
-    assert_refused("mpf", "flat_over_m = 10.0", "belongs to");
+    assert_refused("slam", "flat_over_m = 10.0", "belongs to");
+    assert_refused("mpf", "flat_over_m = 10.0", "none is too flat");
     assert_refused("crlb", "flat_over_m = 10.0", "the bound knows the map");
-    for (filter, ..) in OTHERS.iter().filter(|(filter, ..)| !["rts", "crlb"].contains(filter)) {
+    for (filter, ..) in OTHERS.iter().filter(|(filter, ..)| !["rts", "crlb", "mpf"].contains(filter)) {
         let keys = format!("{GRADIENT}use_scalar = false");
         assert_refused(filter, &keys, "without the scalar field there is nothing to find");
     }
