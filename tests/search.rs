@@ -243,6 +243,35 @@ fn user_a_search_is_computed_again_with_all_of_its_trials() {
 }
 
 #[test]
+fn user_the_cost_of_a_search_is_that_of_all_its_trials() {
+    // Halved: three of nine go on to a second rung, twice.
+    for (keys, assumed) in [(TPE, 12), (HALVING, 15)] {
+        let bench = searched(keys);
+        let text = std::fs::read_to_string(bench.path("spec.toml")).unwrap();
+        if keys == HALVING {
+            bench.spec(&text.replace("where  = \"line like '%.01'\"", "where  = \"line = '$share'\""));
+        }
+        let cost = || -> Value {
+            let output = bench.magline(&["explain", "spec.toml", "--cost", "--format", "json"]);
+            assert!(output.status.success(), "{}", stderr(&output));
+            serde_json::from_str(&stdout(&output)).unwrap()
+        };
+        let before = cost();
+        assert_eq!(before["trials_assumed"], assumed);
+        let text = stdout(&bench.magline(&["explain", "spec.toml", "--cost"]));
+        assert!(text.contains(&format!("with {assumed} trials whose values are assumed")), "{text}");
+        let done = events(&bench, &[]).pop().unwrap();
+        for table in before["tables"].as_array().unwrap() {
+            let name = table["table"].as_str().unwrap();
+            // Only values that come up twice are computed once.
+            assert_eq!(table["compute"], done["tables"][name]["computed"], "{name}");
+        }
+        let after = cost();
+        assert_eq!((&after["trials_assumed"], &after["processor_s"]), (&0.into(), &0.0.into()));
+    }
+}
+
+#[test]
 fn user_a_search_finds_the_best_of_a_fine_sweep() {
     let bench = searched("trials = 32\ngeneration = 8");
     let sets = ["--set", "search.axes.trim=[20]", "--set", "store=store"];

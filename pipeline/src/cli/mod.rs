@@ -40,7 +40,7 @@ use crate::{
     cost,
     plan::{Graph, Plan},
     read_spec,
-    run::{Event, Listener, settled},
+    run::{Event, Listener, Tick, foreseen, settled},
     sources::{self, Flights, ReadStep},
     spec::{Faults, Spec, search_reference},
     store::{self, Store, pulled},
@@ -405,8 +405,9 @@ fn explain(catalogue: &[Entry], args: &ExplainArgs) -> Result<(), Stop> {
     if !args.cost {
         return with_graph(catalogue, &args.spec, |graph, store| Ok(views::explain(graph, store)));
     }
-    with_graph(catalogue, &args.spec, |graph, store| {
-        let cost = cost::estimate(graph, store, args.threads.unwrap_or_else(threads::cores))?;
+    with_plan(catalogue, &args.spec, foreseen, |graph, store, assumed| {
+        let mut cost = cost::estimate(graph, store, args.threads.unwrap_or_else(threads::cores))?;
+        cost.assumed = assumed;
         Ok(match args.format {
             CostFormat::Table => views::cost::table(&cost),
             CostFormat::Json => format!("{}\n", views::cost::json(&cost)),
@@ -419,14 +420,27 @@ fn with_graph(
     args: &SpecArgs,
     view: impl Fn(&Graph, &Store) -> Result<String, Stop>,
 ) -> Result<(), Stop> {
+    let known = |plan: Plan, catalogue: &[Entry], store: &Store, tick: &Tick| {
+        settled(plan, catalogue, store, tick).map(|plan| (plan, ()))
+    };
+    with_plan(catalogue, args, known, |graph, store, ()| view(graph, store))
+}
+
+/// Shows the graph of a plan, with the trials of a search that `trials` says it has.
+fn with_plan<T>(
+    catalogue: &[Entry],
+    args: &SpecArgs,
+    trials: impl Fn(Plan, &[Entry], &Store, &Tick) -> Result<(Plan, T), Faults>,
+    view: impl Fn(&Graph, &Store, T) -> Result<String, Stop>,
+) -> Result<(), Stop> {
     let plan = plan(catalogue, args)?;
     let store = open(&plan.spec)?;
     let progress = Progress::new(false);
     let tick = |table: &str, step: &ReadStep| progress.hear(&Event::Reading { table, step });
-    let plan = settled(plan, catalogue, &store, &tick)?;
+    let (plan, more) = trials(plan, catalogue, &store, &tick)?;
     let graph = Graph::new(&plan, &store, &tick)?;
     drop(progress);
-    say(view(&graph, &store)?)
+    say(view(&graph, &store, more)?)
 }
 
 fn stages(all: &[Entry], name: Option<&str>, markdown: bool) -> Result<(), Stop> {

@@ -62,6 +62,8 @@ pub struct Cost {
     pub speed: f64,
     /// Tables that runs in this store have measured.
     pub measured: usize,
+    /// Trials of a search that are assumed, since they follow from scores that are not known yet.
+    pub assumed: usize,
 }
 
 impl Cost {
@@ -92,7 +94,7 @@ impl Cost {
 }
 
 /// Estimates a run of the plan of `graph` in `store` on so many threads. Reading the sources is not part of it: that is done
-/// when there is a graph. Of a search it is the trials that are known.
+/// when there is a graph. Of a search it is the trials of the plan, which [`crate::run::foreseen`] fills up.
 ///
 /// # Errors
 /// Fails for a table that has no files, since a column has types that no file holds.
@@ -131,7 +133,7 @@ pub fn estimate(graph: &Graph, store: &Store, threads: usize) -> Result<Cost, Fa
         beside = (START_S + known.seconds.total(&watch::of_run(graph, numbers).time(0.0))) / speed;
         beside_clock = beside + SYNCS_A_TABLE * tables.len() as f64 * sync_s;
     }
-    Ok(Cost { tables, beside, beside_clock, threads, speed, measured: known.own })
+    Ok(Cost { tables, beside, beside_clock, threads, speed, measured: known.own, assumed: 0 })
 }
 
 /// What units take, which says how large a task should be.

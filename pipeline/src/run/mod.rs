@@ -41,7 +41,7 @@ pub use processes::Processes;
 pub use remote::{Limits, Served, serve};
 pub use search::search;
 pub use task::{Answer, Receipt, Task, TaskUnit};
-pub use trials::settled;
+pub use trials::{Tick, foreseen, settled};
 
 pub(crate) use cut::Cut;
 pub(crate) use layout::Layout;

@@ -13,9 +13,12 @@ use super::Failure;
 use crate::{
     plan::{Goal, Graph, LineId, Plan, Ref, Unit},
     sources::ReadStep,
-    spec::{Course, Faults, Row, Scored},
+    spec::{Course, Faults, Row, Scored, Search},
     store::Store,
 };
+
+/// Hears of the sources as they are read.
+pub type Tick<'a> = dyn Fn(&str, &ReadStep) + Sync + 'a;
 
 /// What the store knows of a unit.
 enum Fate {
@@ -201,16 +204,50 @@ fn fate(graph: &Graph, store: &Store, unit: Unit) -> Result<Fate, Fault> {
 ///
 /// # Errors
 /// Fails when a plan of these trials, its sources or the store cannot be read.
-pub fn settled(
-    plan: Plan,
+pub fn settled(plan: Plan, catalogue: &[Entry], store: &Store, tick: &Tick) -> Result<Plan, Faults> {
+    let Some(search) = plan.spec.search.clone() else { return Ok(plan) };
+    match followed(&search, &plan, catalogue, store, tick)? {
+        Some(course) => Plan::new(plan.spec.with_trials(&course.rows()), catalogue),
+        None => Ok(plan),
+    }
+}
+
+/// The plan with as many trials as a search may come to, and the number of those that are assumed: trials that do not follow from
+/// the scores in `store` yet follow from scores that are made up here. It says what the search costs, not what it finds.
+///
+/// # Errors
+/// As [`settled`].
+pub fn foreseen(plan: Plan, catalogue: &[Entry], store: &Store, tick: &Tick) -> Result<(Plan, usize), Faults> {
+    let Some(search) = plan.spec.search.clone() else { return Ok((plan, 0)) };
+    let Some(mut course) = followed(&search, &plan, catalogue, store, tick)? else { return Ok((plan, 0)) };
+    let known = course.rows().len();
+    while !course.next().is_empty() {
+        let scored = course.next().iter().map(made_up).collect();
+        course.tell(scored);
+    }
+    let rows = course.rows();
+    let assumed = rows.len() - known;
+    Ok((Plan::new(plan.spec.with_trials(&rows), catalogue)?, assumed))
+}
+
+/// A row with a score that prefers no value of an axis: multiples of the golden ratio are spread evenly.
+fn made_up(row: &Row) -> Scored {
+    const GOLDEN: f64 = 0.618_033_988_749_895;
+    let cost = Some((row.trial as f64 * GOLDEN).fract());
+    Scored { row: row.clone(), goal: cost, cost, lines: 1, error: None, promoted: false }
+}
+
+/// The course of a search as far as the scores in `store` take it; none where all trials are known beforehand.
+fn followed<'a>(
+    search: &'a Search,
+    plan: &Plan,
     catalogue: &[Entry],
     store: &Store,
-    tick: &(dyn Fn(&str, &ReadStep) + Sync),
-) -> Result<Plan, Faults> {
-    let Some(search) = plan.spec.search.clone() else { return Ok(plan) };
-    let mut course = Course::new(&search);
+    tick: &Tick,
+) -> Result<Option<Course<'a>>, Faults> {
+    let mut course = Course::new(search);
     if course.is_known() {
-        return Ok(plan);
+        return Ok(None);
     }
     while !course.next().is_empty() {
         let rows = course.next().to_vec();
@@ -222,7 +259,7 @@ pub fn settled(
             None => break,
         }
     }
-    Plan::new(plan.spec.with_trials(&course.rows()), catalogue)
+    Ok(Some(course))
 }
 
 /// What was computed, by trial and rung.

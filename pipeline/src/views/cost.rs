@@ -29,6 +29,9 @@ pub fn table(cost: &Cost) -> String {
         cost.speed,
         bytes(cost.memory()),
     );
+    if cost.assumed > 0 {
+        out += &format!("with {} trials whose values are assumed: a search finds them as it goes\n", cost.assumed);
+    }
     out += &match cost.measured {
         0 => "by the figures that magline comes with: this store has measured no table yet\n".to_owned(),
         1 => "by 1 table that was measured in this store, and the figures that magline comes with\n".to_owned(),
@@ -65,6 +68,7 @@ pub fn json(cost: &Cost) -> Value {
         "rows": whole(cost.rows()), "bytes": whole(cost.bytes()), "processor_s": cost.seconds(),
         "processor_s_beside": cost.beside, "clock_s": cost.clock(), "memory_bytes": whole(cost.memory()),
         "threads": cost.threads, "speed": cost.speed, "measured": cost.measured,
+        "trials_assumed": cost.assumed,
     })
 }
 
