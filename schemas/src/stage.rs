@@ -73,6 +73,12 @@ pub trait Stage: Params + Any + Send + Sync {
     fn effort(&self) -> f64 {
         1.0
     }
+
+    /// A word for the way in which the parameters have the work done, where it is work of another kind: a fit that leaves out
+    /// each line in turn. `explain --cost` prices it by itself. Empty where there is one way.
+    fn manner(&self) -> &'static str {
+        ""
+    }
 }
 
 /// A stage that works on one line at a time.

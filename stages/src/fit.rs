@@ -286,6 +286,10 @@ impl Stage for Fit {
         self.model.keys.effort()
     }
 
+    fn manner(&self) -> &'static str {
+        if self.choose.leaves_out() { "leaving out" } else { "" }
+    }
+
     fn idle(&self, key: &str) -> Option<Fault> {
         let own = || self.model.keys.idle(key);
         let model = self.model.kind;

@@ -28,9 +28,9 @@ pub struct Part {
     pub units: f64,
     /// Rows of the lines of each unit, times the effort that the stage says a row is at its parameters.
     pub samples: f64,
-    /// Numbers that are read; the points of a sweep share them.
+    /// Numbers that are read; the points of a sweep share the columns that are the same.
     pub values: f64,
-    /// Rows times the square of the numbers of each, for stages of a survey; shared as well.
+    /// Rows times the square of the numbers of each, for stages of a survey; shared by points that read the same.
     pub squares: f64,
 }
 

@@ -2,7 +2,7 @@
 
 use std::{
     cell::RefCell,
-    collections::{BTreeMap, HashMap, HashSet},
+    collections::{BTreeMap, BTreeSet, HashMap, HashSet},
 };
 
 use arrow_array::{cast::AsArray, types::Float64Type};
@@ -51,6 +51,54 @@ struct Point {
     effort: f64,
     /// Numbers of a row that it reads.
     width: f64,
+}
+
+/// The columns that the points of a table read, each list of them once.
+#[derive(Default)]
+struct Read {
+    numbers: HashMap<(Ref, String), usize>,
+    widths: Vec<f64>,
+    lists: HashMap<Vec<usize>, usize>,
+    by_list: Vec<Vec<usize>>,
+}
+
+impl Read {
+    /// The number of a list of columns, by who made them and their names there, with the numbers of a row of each.
+    fn list(&mut self, columns: impl Iterator<Item = (Ref, String, f64)>) -> usize {
+        let mut list = vec![];
+        for (made_by, name, width) in columns {
+            let next = self.widths.len();
+            let number = *self.numbers.entry((made_by, name)).or_insert(next);
+            if number == next {
+                self.widths.push(width);
+            }
+            list.push(number);
+        }
+        list.sort_unstable();
+        let next = self.by_list.len();
+        let number = *self.lists.entry(list).or_insert_with_key(|list| {
+            self.by_list.push(list.clone());
+            next
+        });
+        number
+    }
+}
+
+/// What the points of one kind read of a line or of a set of lines.
+#[derive(Default)]
+struct Shared {
+    rows: f64,
+    lists: BTreeSet<usize>,
+}
+
+impl Shared {
+    /// Numbers that are read, each column once; and the squares of the numbers of a row, summed over the lists.
+    fn amounts(&self, read: &Read) -> (f64, f64) {
+        let columns: BTreeSet<usize> = self.lists.iter().flat_map(|list| read.by_list[*list].iter().copied()).collect();
+        let width = |columns: &mut dyn Iterator<Item = &usize>| columns.map(|c| read.widths[*c]).sum::<f64>();
+        let squares = self.lists.iter().map(|list| width(&mut read.by_list[*list].iter()).powi(2));
+        (self.rows * width(&mut columns.iter()), self.rows * squares.sum::<f64>())
+    }
 }
 
 /// Finds the work of tables.
@@ -124,8 +172,9 @@ impl<'a> Amounts<'a> {
             ..Work::default()
         };
         let mut points: HashMap<(Key, usize), Point> = HashMap::new();
-        // Rows of the line or the set of lines, by kind: read once for all points.
-        let mut shared: HashMap<(String, Option<LineId>, u32), (f64, f64)> = HashMap::new();
+        // What is read of a line or of a set of lines, by kind: each column once for all points.
+        let mut shared: HashMap<(String, Option<LineId>, u32), Shared> = HashMap::new();
+        let (mut read, mut lists) = (Read::default(), HashMap::new());
         let mut unkept: HashSet<Unit> = HashSet::new();
         let mut numbers = 0.0;
         for unit in &asked.missing {
@@ -136,8 +185,10 @@ impl<'a> Amounts<'a> {
             part.units += 1.0;
             part.samples += rows * point.effort;
             let set = if node.entry.grain == Grain::Survey { self.graph.line_set(t, unit.instance) } else { 0 };
-            let known = shared.entry((point.kind.clone(), unit.line, set)).or_insert((rows, 0.0));
-            known.1 = known.1.max(point.width);
+            let list = *lists.entry(unit.instance).or_insert_with(|| read.list(self.columns(&it)));
+            let known = shared.entry((point.kind.clone(), unit.line, set)).or_default();
+            known.rows = rows;
+            known.lists.insert(list);
             work.units += 1.0;
             work.rows_in += rows;
             work.reads += point.width;
@@ -147,10 +198,12 @@ impl<'a> Amounts<'a> {
             self.unkept(*unit, &it, &mut unkept);
         }
         work.width = if asked.rows > 0.0 { numbers / asked.rows } else { 0.0 };
-        for ((kind, ..), (rows, width)) in &shared {
+        // In an order of its own, as sums follow it.
+        for ((kind, ..), of_line) in shared.iter().collect::<BTreeMap<_, _>>() {
             let part = work.parts.entry(kind.clone()).or_default();
-            part.values += rows * width;
-            part.squares += if node.entry.grain == Grain::Survey { rows * width * width } else { 0.0 };
+            let (values, squares) = of_line.amounts(&read);
+            part.values += values;
+            part.squares += if node.entry.grain == Grain::Survey { squares } else { 0.0 };
         }
         self.made_again(&unkept, &mut work.parts);
         asked.tasks = match node.entry.grain {
@@ -182,11 +235,26 @@ impl<'a> Amounts<'a> {
                 // It is spelt in quotes, with its version behind it.
                 kind = format!("{kind} {}", chosen.split('"').nth(1).unwrap_or(&chosen));
             }
+            let manner = stage.manner();
+            if !manner.is_empty() {
+                kind = format!("{kind} {manner}");
+            }
         }
         let inputs = it.inputs();
         let of = |(r, reads): (&Ref, &Vec<String>)| reads.iter().map(|c| self.numbers(*r, c)).sum::<f64>();
         let width = inputs.iter().zip(&it.yields.reads).map(of);
         Point { kind, effort: if effort.is_finite() { effort.max(0.0) } else { 1.0 }, width: width.sum() }
+    }
+
+    /// The columns that a point reads.
+    fn columns<'b>(&'b self, it: &'b Instance) -> impl Iterator<Item = (Ref, String, f64)> + 'b {
+        let of = move |(r, reads): (Ref, &'b Vec<String>)| {
+            reads.iter().map(move |name| {
+                let origin = self.graph.origin(r, name);
+                (origin.made_by, origin.column, self.numbers(r, name))
+            })
+        };
+        it.inputs().into_iter().zip(&it.yields.reads).flat_map(of)
     }
 
     /// Numbers of a row in the column `name` of `r`.

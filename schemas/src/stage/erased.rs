@@ -92,6 +92,8 @@ pub trait StageDyn: Send + Sync {
     fn idle(&self, key: &str) -> Option<Fault>;
     /// See [`Stage::effort`].
     fn effort(&self) -> f64;
+    /// See [`Stage::manner`].
+    fn manner(&self) -> &'static str;
     /// See [`Stage::yields`].
     ///
     /// # Errors
@@ -115,6 +117,10 @@ impl<S: Stage> StageDyn for S {
 
     fn effort(&self) -> f64 {
         Stage::effort(self)
+    }
+
+    fn manner(&self) -> &'static str {
+        Stage::manner(self)
     }
 
     fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
