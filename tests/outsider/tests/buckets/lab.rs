@@ -11,7 +11,7 @@ use std::{
 use serde_json::Value;
 use tempfile::TempDir;
 
-use crate::server::{Asked, BUCKET, Server, USERS, secret};
+use crate::server::{Asked, BUCKET, Kind, Server, USERS, secret};
 
 /// Each line on an even grid, and three low-passes of it.
 pub const SPEC: &str = r#"
@@ -45,6 +45,10 @@ contact     = "a@example.org"
 date        = "2026-01-01"
 authors     = [{ name = "A B" }]
 "#;
+
+/// A service account that asks for no token, as servers other than Google's take it.
+const WITHOUT_TOKEN: &str =
+    r#"{"private_key": "geheim", "private_key_id": "1", "client_email": "a@example.org", "disable_oauth": true}"#;
 
 /// A flight of two lines with `rows` samples each.
 pub fn flight(number: usize, rows: usize) -> String {
@@ -105,8 +109,17 @@ impl Lab {
         Lab::of(4, 300, SPEC)
     }
 
+    /// The same, and Google's server.
+    pub fn google() -> Lab {
+        Lab::with(Server::of(Kind::Google), 4, 300, SPEC)
+    }
+
     pub fn of(flights: usize, rows: usize, spec: &str) -> Lab {
-        let lab = Lab { folder: tempfile::tempdir().unwrap(), server: Server::new(), caches: AtomicUsize::new(0) };
+        Lab::with(Server::new(), flights, rows, spec)
+    }
+
+    fn with(server: Server, flights: usize, rows: usize, spec: &str) -> Lab {
+        let lab = Lab { folder: tempfile::tempdir().unwrap(), server, caches: AtomicUsize::new(0) };
         fs::create_dir(lab.path("flights")).unwrap();
         for number in 1..=flights {
             fs::write(lab.path(&format!("flights/{number}.csv")), flight(number, rows)).unwrap();
@@ -138,13 +151,18 @@ impl Lab {
             ("AWS_SECRET_ACCESS_KEY", &secret),
             ("AWS_REGION", "us-east-1"),
             ("AWS_TIMEOUT", "3 seconds"),
+            ("GOOGLE_BASE_URL", endpoint),
+            ("GOOGLE_ALLOW_HTTP", "true"),
+            ("GOOGLE_SERVICE_ACCOUNT_KEY", WITHOUT_TOKEN),
+            ("GOOGLE_TIMEOUT", "3 seconds"),
         ];
         pairs.map(|(name, value)| (name.to_owned(), value.to_owned())).to_vec()
     }
 
     /// A process that is under way.
     pub fn start(&self, args: &[&str], env: &[(String, String)]) -> Child {
-        let others = env::vars().filter(|(name, _)| !name.starts_with("AWS_") && !name.starts_with("MAGLINE_"));
+        let is_ours = |name: &str| ["AWS_", "GOOGLE_", "MAGLINE_"].iter().any(|start| name.starts_with(start));
+        let others = env::vars().filter(|(name, _)| !is_ours(name));
         Command::new(env!("CARGO_BIN_EXE_outsider"))
             .args(args)
             .env_clear()
@@ -286,4 +304,9 @@ pub fn store_of(cache: &Path) -> PathBuf {
 /// The address of a key of the bucket.
 pub fn address(key: &str) -> String {
     format!("s3://{BUCKET}/{key}")
+}
+
+/// The same at Google's server.
+pub fn google_address(key: &str) -> String {
+    format!("gs://{BUCKET}/{key}")
 }

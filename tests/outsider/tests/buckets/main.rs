@@ -6,6 +6,8 @@ mod cluster;
 #[allow(dead_code)]
 #[path = "../../../cluster_support.rs"]
 mod cluster_support;
+mod google;
+mod google_tests;
 mod lab;
 mod server;
 

@@ -1,4 +1,4 @@
-//! An S3 server inside the test, and faults between it and those who ask.
+//! An S3 server inside the test, also with the manners of Google's, and faults between it and those who ask.
 
 use std::{
     convert::Infallible,
@@ -32,6 +32,8 @@ use tokio::{
     sync::RwLock,
     time::{Sleep, sleep},
 };
+
+use crate::google;
 
 /// The bucket.
 pub const BUCKET: &str = "lab";
@@ -91,7 +93,16 @@ pub enum Fault {
 
 type Decide = Box<dyn FnMut(&Asked) -> Fault + Send>;
 
+/// Whose interface a server has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    S3,
+    /// That of Google Cloud Storage, as far as it is another: see [`google`].
+    Google,
+}
+
 struct Shared {
+    kind: Kind,
     service: S3Service,
     folder: PathBuf,
     decide: Mutex<Decide>,
@@ -115,6 +126,10 @@ pub struct Server {
 
 impl Server {
     pub fn new() -> Server {
+        Server::of(Kind::S3)
+    }
+
+    pub fn of(kind: Kind) -> Server {
         let folder = tempfile::tempdir().unwrap();
         fs::create_dir(folder.path().join(BUCKET)).unwrap();
         let mut auth = SimpleAuth::new();
@@ -122,8 +137,11 @@ impl Server {
             auth.register(user.to_owned(), secret(user).into());
         }
         let mut builder = S3ServiceBuilder::new(FileSystem::new(folder.path()).unwrap());
-        builder.set_auth(auth);
+        if kind == Kind::S3 {
+            builder.set_auth(auth);
+        }
         let shared = Arc::new(Shared {
+            kind,
             service: builder.build(),
             folder: folder.path().to_owned(),
             decide: Mutex::new(Box::new(|_| Fault::None)),
@@ -195,14 +213,18 @@ fn header(headers: &HeaderMap, name: &hyper::header::HeaderName) -> String {
 }
 
 async fn answered(shared: Arc<Shared>, request: Request<Incoming>) -> Result<Response<Answer>, Infallible> {
-    let (parts, body) = request.into_parts();
+    let (mut parts, body) = request.into_parts();
+    if shared.kind == Kind::Google {
+        google::decode(&mut parts);
+    }
     // Of a client that was killed while it sent, nothing counts.
     let Some(body) = read(body).await else { return Ok(refused(400)) };
     let signed = header(&parts.headers, &AUTHORIZATION);
     let user = signed.split_once("Credential=").and_then(|(_, rest)| rest.split('/').next()).unwrap_or_default();
     let path = parts.uri.path().trim_start_matches('/');
     let key = path.strip_prefix(BUCKET).unwrap_or(path).trim_start_matches('/').to_owned();
-    let on_condition = [IF_MATCH, IF_NONE_MATCH].iter().any(|name| parts.headers.contains_key(name));
+    let conditions = [IF_MATCH, IF_NONE_MATCH, google::IF_GENERATION];
+    let on_condition = conditions.iter().any(|name| parts.headers.contains_key(name));
     let (user, method) = (user.to_owned(), parts.method.clone());
     let asked = {
         let mut all = locked(&shared.asked);
@@ -254,9 +276,17 @@ async fn done(shared: &Shared, asked: &Asked, request: s3s::HttpRequest) -> (Sta
     } else {
         _writer = shared.one.write().await
     }
+    let file = shared.folder.join(BUCKET).join(&asked.key);
+    if shared.kind == Kind::Google && !google::may(request.headers(), &file) {
+        let text = "<Error><Code>PreconditionFailed</Code><Message>No</Message></Error>";
+        return (StatusCode::PRECONDITION_FAILED, HeaderMap::new(), text.into());
+    }
     match shared.service.call(request).await {
         Ok(response) => {
-            let (parts, body) = response.into_parts();
+            let (mut parts, body) = response.into_parts();
+            if shared.kind == Kind::Google {
+                google::tell(&mut parts.headers, &file);
+            }
             (parts.status, parts.headers, read(body).await.unwrap_or_default())
         }
         Err(_) => (StatusCode::INTERNAL_SERVER_ERROR, HeaderMap::new(), Bytes::new()),
