@@ -434,3 +434,27 @@ fn numbers(kind: &ColumnType) -> f64 {
         ColumnType::Other(_) => 1.0,
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn law_a_column_is_read_once_and_points_that_read_the_same_have_their_products_once() {
+        let mut read = Read::default();
+        let column = |table: usize, name: &str, width: f64| (Ref::Stage(table, 0), name.to_owned(), width);
+        // Eighteen terms for two magnetometers, one of them by two points; then the terms of another vector magnetometer.
+        let lists: Vec<usize> = [(0, "mag_4"), (0, "mag_5"), (0, "mag_4"), (1, "mag_4")]
+            .into_iter()
+            .map(|(terms, mag)| read.list([column(2, mag, 1.0), column(terms, "tl", 18.0)].into_iter()))
+            .collect();
+        assert_eq!(lists, [0, 1, 0, 2]);
+        let of = |lists: &[usize]| Shared { rows: 100.0, lists: lists.iter().copied().collect() }.amounts(&read);
+        let product = 100.0 * 19.0 * 19.0;
+        assert_eq!(of(&[0]), (1900.0, product));
+        assert_eq!(of(&[0, 1, 0]), (2000.0, 2.0 * product));
+        assert_eq!(of(&lists), (3800.0, 3.0 * product));
+        // The order of columns is none of a list's.
+        assert_eq!(read.list([column(0, "tl", 18.0), column(2, "mag_4", 1.0)].into_iter()), 0);
+    }
+}
