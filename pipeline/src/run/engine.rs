@@ -22,6 +22,9 @@ pub struct Wave<'a> {
     pub table: usize,
     /// The tasks.
     pub tasks: &'a [Task],
+    /// What a unit is expected to take, s; 0 where nothing is known of it.
+    #[cfg_attr(not(feature = "cluster"), allow(dead_code))]
+    pub unit_s: f64,
     /// Hears of each unit.
     pub told: &'a Told<'a>,
 }

@@ -53,7 +53,8 @@ pub fn list(
             continue;
         }
         let cover = runner.cover(&sheet);
-        let most = most.unwrap_or_else(|| runner.most_units(&sheet, Pace { task_s: TASK_S, at_once: 0 }));
+        let pace = Pace { task_s: TASK_S, at_once: 0 };
+        let most = most.unwrap_or_else(|| pace.units(sheet.pending(), runner.unit_s(&sheet)));
         let found = runner.tasks_abroad(&sheet, &cover, most, None);
         let of_table: usize = found.iter().map(|h| h.task.units.len()).sum();
         if of_table > 0 {

@@ -10,7 +10,7 @@ use schemas::{Fault, Grain};
 use super::{
     Looked, Outcome, Runner, State,
     cut::Cut,
-    engine::{Engine, Local, Pace, Wave},
+    engine::{Engine, Local, Wave},
     layout::{Cover, Layout, cover, scattered},
     task::{Task, TaskUnit},
     tell, unpublished,
@@ -59,7 +59,7 @@ impl Sheet<'_> {
         self.known.iter().map(packed).collect()
     }
 
-    fn pending(&self) -> usize {
+    pub(super) fn pending(&self) -> usize {
         self.known.iter().filter(|k| matches!(k, Known::Pending(_))).count()
     }
 
@@ -103,13 +103,14 @@ impl<'a> Runner<'a> {
             if let Err(fault) = self.store.write_index() {
                 self.failures.push((None, unpublished(fault)));
             }
-            let most = self.most_units(sheet, engine.pace());
+            let unit_s = self.unit_s(sheet);
+            let most = engine.pace().units(sheet.pending(), unit_s);
             let tasks = self.tasks_abroad(sheet, &before, most, self.recorded);
-            self.wave(engine, sheet, tasks, count);
+            self.wave(engine, sheet, tasks, unit_s, count);
             before = self.cover(sheet);
         }
         let tasks = self.tasks_here(sheet, &before, engine.is_local());
-        self.wave(&Local, sheet, tasks, count);
+        self.wave(&Local, sheet, tasks, 0.0, count);
         let strict = self.covering(sheet, true);
         let after = if sheet.lacks(&strict) { self.covering(sheet, false) } else { strict };
         self.worker.forget(t);
@@ -169,10 +170,10 @@ impl<'a> Runner<'a> {
         sheet.layout.chunks.iter().filter_map(of_chunk).collect()
     }
 
-    /// How many units a task of the table should have.
-    pub(super) fn most_units(&self, sheet: &Sheet, pace: Pace) -> usize {
+    /// What a unit of the table is expected to take, s.
+    pub(super) fn unit_s(&self, sheet: &Sheet) -> f64 {
         let rates = self.rates.get_or_init(|| Rates::new(self.store));
-        pace.units(sheet.pending(), rates.unit_s(self.graph, self.store, sheet.table))
+        rates.unit_s(self.graph, self.store, sheet.table)
     }
 
     /// What is to be computed in tasks of at most `most` units. A chunk that is computed as a whole becomes a file of the
@@ -251,14 +252,14 @@ impl<'a> Runner<'a> {
     }
 
     /// Has an engine compute some tasks, and takes note of what became of their units.
-    fn wave(&mut self, engine: &dyn Engine, sheet: &mut Sheet, tasks: Vec<Handed>, count: &mut Count) {
+    fn wave(&mut self, engine: &dyn Engine, sheet: &mut Sheet, tasks: Vec<Handed>, unit_s: f64, count: &mut Count) {
         if tasks.is_empty() {
             return;
         }
         let (tasks, places): (Vec<Task>, Vec<Vec<usize>>) = tasks.into_iter().map(|h| (h.task, h.at)).unzip();
         let (listener, graph) = (self.listener, self.graph);
         let told = |unit: Unit, outcome: Outcome, fault: Option<&Fault>| tell(listener, graph, unit, outcome, fault);
-        let wave = Wave { worker: self.worker, table: sheet.table, tasks: &tasks, told: &told };
+        let wave = Wave { worker: self.worker, table: sheet.table, tasks: &tasks, unit_s, told: &told };
         let receipts = engine.run(&wave);
         if !engine.is_local() {
             // The results are in packs that others wrote.

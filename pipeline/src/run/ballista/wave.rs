@@ -31,14 +31,16 @@ use crate::{
 
 /// What a job costs its worker and the scheduler beside its work, s: `pipeline/CLUSTER.md`.
 const JOB_S: f64 = 0.06;
-/// The part of the work that it may cost.
+/// The part of the work that it may cost, and at the end of a wave, where jobs are smaller so that all cores end together.
 const MOST_BESIDE: f64 = 0.03;
+const MOST_AT_THE_END: f64 = 0.05;
 /// What the scheduler takes for a job, s: it does one after another.
 const SCHEDULING_S: f64 = 0.02;
 /// Jobs for each core: one is at work, and the next is there.
 const JOBS_A_CORE: usize = 2;
-/// The most tasks of a job, and the most of their text.
+/// The most tasks of a job, of one before any was answered, and the most of their text.
 const MOST_TASKS: usize = 256;
+const MOST_UNSEEN: usize = 8;
 const MOST_BYTES: usize = 1 << 20;
 /// How often a task is handed out that comes to nothing.
 const MOST_TRIES: usize = 4;
@@ -255,16 +257,22 @@ impl<'a> Handing<'a> {
         format!("magline {} {number}", self.id)
     }
 
-    /// The next tasks that are handed out together: as many as are expected to take so long that a job costs little beside them,
-    /// and that the scheduler keeps up with all cores.
+    /// How many tasks the next job has.
+    fn most(&self) -> usize {
+        let (all, waiting, cores) = (self.receipts.len(), self.waiting.len(), self.seen.cores.max(1));
+        match self.answered {
+            (0, _) => {
+                let units: usize = self.wave.tasks.iter().map(|task| task.units.len()).sum();
+                let expected_s = self.wave.unit_s * units as f64 / all.max(1) as f64;
+                if expected_s > 0.0 { size(expected_s, all, waiting, cores).min(MOST_UNSEEN) } else { 1 }
+            }
+            (n, seconds) => size(seconds / n as f64, all, waiting, cores),
+        }
+    }
+
+    /// The next tasks that are handed out together.
     fn bundle(&mut self) -> (Vec<usize>, Vec<Handed>) {
-        let cores = self.seen.cores.max(1);
-        let wanted_s = (JOB_S / MOST_BESIDE).max(SCHEDULING_S * cores as f64);
-        let most = match self.answered {
-            (0, _) => 1,
-            (n, seconds) => (wanted_s * n as f64 / seconds.max(1e-6)).clamp(1.0, MOST_TASKS as f64) as usize,
-        };
-        let most = most.min(self.waiting.len().div_ceil(JOBS_A_CORE * cores));
+        let most = self.most();
         let (mut tasks, mut handed, mut bytes) = (vec![], vec![], 0);
         while tasks.len() < most && bytes < MOST_BYTES {
             let Some(i) = self.waiting.pop_front() else { break };
@@ -457,6 +465,16 @@ impl<'a> Handing<'a> {
     }
 }
 
+/// How many tasks a job has, of `all` tasks of a wave of which some are `waiting`: as many as take so long, at `task_s` seconds each, that
+/// a job costs little beside them, and that the scheduler keeps up with all cores. Towards the end jobs become smaller, as far as
+/// they are worth their cost; a wave that is small as a whole is divided among all cores.
+fn size(task_s: f64, all: usize, waiting: usize, cores: usize) -> usize {
+    let of = |seconds: f64| (seconds / task_s.max(1e-6)).clamp(1.0, MOST_TASKS as f64) as usize;
+    let wanted = of((JOB_S / MOST_BESIDE).max(SCHEDULING_S * cores as f64));
+    let least = of(JOB_S / MOST_AT_THE_END).min(all.div_ceil(cores));
+    wanted.min(waiting.div_ceil(JOBS_A_CORE * cores).max(least))
+}
+
 /// What is known of a job that takes long.
 #[derive(Clone, Copy, Debug)]
 struct Facts {
@@ -498,7 +516,32 @@ impl Facts {
 
 #[cfg(test)]
 mod tests {
+    #![allow(clippy::unwrap_used)]
+
     use super::*;
+
+    #[test]
+    fn law_jobs_are_worth_their_cost_and_leave_no_core_without_work() {
+        for (task_s, all) in [(0.036, 111), (0.25, 400), (0.01, 20_000), (5.0, 60), (60.0, 3)] {
+            for cores in [1, 2, 64] {
+                let (mut waiting, mut jobs, mut first) = (all, 0, 0);
+                while waiting > 0 {
+                    let size = size(task_s, all, waiting, cores);
+                    assert!((1..=MOST_TASKS).contains(&size), "{task_s} {all} {cores}: {size}");
+                    first = if jobs == 0 { size } else { first };
+                    waiting -= size.min(waiting);
+                    jobs += 1;
+                }
+                let work_s = task_s * all as f64;
+                let cost = JOB_S * f64::from(jobs) / work_s;
+                // A job for each core is worth more than its cost where there is too little work for all.
+                let few = usize::try_from(jobs).unwrap() <= 2 * cores;
+                let largest = MOST_TASKS as f64 * task_s < JOB_S / MOST_AT_THE_END;
+                assert!(cost < 0.062 || few || largest, "{task_s} {all} {cores}: {jobs} jobs cost {cost}");
+                assert!(first <= all.div_ceil(cores), "{task_s} {all} {cores}: {first} at first");
+            }
+        }
+    }
 
     #[test]
     fn unit_an_answer_that_was_lost_is_taken_from_the_store_and_a_job_that_was_lost_begins_again() {
