@@ -76,11 +76,10 @@ impl Read {
         }
         list.sort_unstable();
         let next = self.by_list.len();
-        let number = *self.lists.entry(list).or_insert_with_key(|list| {
+        *self.lists.entry(list).or_insert_with_key(|list| {
             self.by_list.push(list.clone());
             next
-        });
-        number
+        })
     }
 }
 

@@ -77,8 +77,8 @@ impl<const N: usize> Cloud<N> {
     /// Adds independent normals of these standard deviations to the position of each particle.
     pub(super) fn jitter(&mut self, sigmas: [f64; 2], draws: Draws) {
         for (number, block) in self.blocks.iter_mut().enumerate() {
-            for lane in 0..BLOCK {
-                let [a, b] = draws.normals(number * BLOCK + lane);
+            for (lane, particle) in (number * BLOCK..(number + 1) * BLOCK).enumerate() {
+                let [a, b] = draws.normals(particle);
                 block[LAT][lane] += sigmas[0] * a;
                 block[LON][lane] += sigmas[1] * b;
             }

@@ -192,8 +192,7 @@ impl<'a> Look<'a> {
         let by_tilt = [0, 1, 2].map(|part| by_tilt[(axis, part)]);
         let fixed = (turn * here)[axis] - by_tilt.iter().zip(&tilt).map(|(h, tilt)| h * tilt).sum::<f64>();
         for (number, block) in cloud.blocks.iter().enumerate() {
-            for lane in 0..BLOCK {
-                let index = number * BLOCK + lane;
+            for (lane, index) in (number * BLOCK..(number + 1) * BLOCK).enumerate() {
                 let moved: f64 =
                     [LAT, LON, ALT].iter().zip(by_place).map(|(k, slope)| slope * (block[*k][lane] - middle[*k])).sum();
                 out.values[number][lane] = fixed + moved + along * anomaly.value_nt[index];
