@@ -5,13 +5,16 @@ use std::{
     env, fs,
     path::{Path, PathBuf},
     process::{Child, Command, Stdio},
-    sync::atomic::{AtomicUsize, Ordering},
+    sync::{
+        Arc,
+        atomic::{AtomicUsize, Ordering},
+    },
 };
 
 use serde_json::Value;
 use tempfile::TempDir;
 
-use crate::server::{Asked, BUCKET, Kind, Server, USERS, secret};
+use crate::server::{Asked, BUCKET, Fault, Kind, Server, USERS, secret};
 
 /// Each line on an even grid, and three low-passes of it.
 pub const SPEC: &str = r#"
@@ -201,6 +204,18 @@ impl Lab {
         let run = self.run("whole", &self.cache(), &[]);
         assert_eq!(run.code, 0, "{}", run.err);
         (files(&self.path("whole")), run.total("computed"))
+    }
+
+    /// Faults from now on, and how many there were.
+    pub fn faults(&self, mut decide: impl FnMut(&Asked) -> Fault + Send + 'static) -> Arc<AtomicUsize> {
+        let count = Arc::new(AtomicUsize::new(0));
+        let counted = count.clone();
+        self.server.faults(move |asked| {
+            let fault = decide(asked);
+            counted.fetch_add(usize::from(fault != Fault::None), Ordering::Relaxed);
+            fault
+        });
+        count
     }
 
     /// How often each pack was written.

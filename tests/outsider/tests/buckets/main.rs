@@ -19,7 +19,7 @@ use std::{
     process::Child,
     sync::{
         Arc,
-        atomic::{AtomicBool, AtomicUsize, Ordering},
+        atomic::{AtomicBool, Ordering},
         mpsc::channel,
     },
     thread::scope,
@@ -120,17 +120,11 @@ fn faults() -> Vec<(&'static str, Decide)> {
 #[test]
 fn user_faults_of_the_server_change_no_byte() {
     scope(|scope| {
-        for (what, mut decide) in faults() {
+        for (what, decide) in faults() {
             scope.spawn(move || {
                 let lab = Lab::new();
                 let (expected, units) = lab.local();
-                let count = Arc::new(AtomicUsize::new(0));
-                let counted = count.clone();
-                lab.server.faults(move |asked| {
-                    let fault = decide(asked);
-                    counted.fetch_add(usize::from(fault != Fault::None), Ordering::Relaxed);
-                    fault
-                });
+                let count = lab.faults(decide);
                 let cache = lab.cache();
                 let run = lab.run(&address("one"), &cache, &[]);
                 assert_eq!(run.counts(), (0, units, 0), "{what}: {}", run.err);
