@@ -239,7 +239,9 @@ async fn answered(shared: Arc<Shared>, request: Request<Incoming>) -> Result<Res
         Fault::None | Fault::Lost(_) | Fault::Cut | Fault::Short | Fault::Late => {}
     }
     let whole = Request::from_parts(parts, s3s::Body::from(body));
-    let (status, headers, data) = done(&shared, &asked, whole).await;
+    // What has arrived whole is done to its end, whether or not the client is still there.
+    let (own, of) = (shared.clone(), asked.clone());
+    let (status, headers, data) = tokio::spawn(async move { done(&own, &of, whole).await }).await.unwrap();
     let in_two = |data: &Bytes| asked.method == Method::GET && status.is_success() && data.len() > 1;
     let answer = match asked.fault {
         Fault::Late => pending().await,
