@@ -56,9 +56,13 @@ struct Point {
 /// The columns that the points of a table read, each list of them once.
 #[derive(Default)]
 struct Read {
+    /// The number of each column, by the stage that made it and its name there.
     numbers: HashMap<(Ref, String), usize>,
+    /// Numbers of a row, by column.
     widths: Vec<f64>,
+    /// The number of each list of columns.
     lists: HashMap<Vec<usize>, usize>,
+    /// The columns of each list.
     by_list: Vec<Vec<usize>>,
 }
 

@@ -465,9 +465,9 @@ impl<'a> Handing<'a> {
     }
 }
 
-/// How many tasks a job has, of `all` tasks of a wave of which some are `waiting`: as many as take so long, at `task_s` seconds each, that
-/// a job costs little beside them, and that the scheduler keeps up with all cores. Towards the end jobs become smaller, as far as
-/// they are worth their cost; a wave that is small as a whole is divided among all cores.
+/// The number of tasks of the next job of a wave of `all` tasks, of which some are `waiting` and each takes `task_s` seconds. The work of
+/// a job is large beside its cost, and long enough for the scheduler to keep up with all cores. Towards the end of a wave jobs become smaller,
+/// down to the size at which their cost still is a small part of them; a wave with less work than that for each core is divided evenly.
 fn size(task_s: f64, all: usize, waiting: usize, cores: usize) -> usize {
     let of = |seconds: f64| (seconds / task_s.max(1e-6)).clamp(1.0, MOST_TASKS as f64) as usize;
     let wanted = of((JOB_S / MOST_BESIDE).max(SCHEDULING_S * cores as f64));
