@@ -24,6 +24,7 @@ mod killed;
 mod lines;
 mod log_stages;
 mod loggers;
+mod map_error;
 mod map_lookup;
 mod map_stages;
 mod maps;

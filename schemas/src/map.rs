@@ -22,10 +22,25 @@ pub const COLUMNS: [(&str, Described); 4] = [
     ("anomaly", Described { unit: "nT", role: Role::Aux, description: "magnetic anomaly; NaN where unknown" }),
 ];
 
+/// The column of a map with one sigma of the error of each node, in nT, where its maker gives one.
+pub const ERROR: &str = "error";
+
+/// [`ERROR`] as a column.
+pub fn error_column() -> Column {
+    Column::float(ERROR, ANOMALY_UNIT, "error to be expected of the anomaly")
+}
+
 /// The shape of every map.
 pub fn shape() -> Shape {
     let columns = COLUMNS.iter().map(|(name, d)| Column::float(*name, d.unit, d.description).role(d.role));
     Shape { columns: columns.collect(), rate_hz: None }
+}
+
+/// The shape of a map that gives the error of each node.
+pub fn shape_with_error() -> Shape {
+    let mut shape = shape();
+    shape.columns.push(error_column());
+    shape
 }
 
 /// The columns of a map that a stage yields, in their order, beside those that the stage adds.

@@ -132,7 +132,7 @@ fn cut(map: &AnomalyGrid, rows: Range<usize>, columns: Range<usize>) -> Result<A
         Height::Cells(cells) => Height::Cells(of(cells)),
     };
     let (x, y) = (part(&map.x, &columns), part(&map.y, &rows));
-    let cut = AnomalyGrid { x, y, anomaly_nt: of(&map.anomaly_nt), height, ..map.clone() };
+    let cut = AnomalyGrid { x, y, anomaly_nt: of(&map.anomaly_nt), error_nt: None, height, ..map.clone() };
     if cut.anomaly_nt.iter().all(|v| v.is_nan()) {
         return Err(Fault::data("no node of what is left of the map has a value").of_param("bounds"));
     }

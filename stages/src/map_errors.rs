@@ -3,9 +3,9 @@
 use arrow_array::RecordBatch;
 use numerics::{
     maps::{continuation::RadialPower, map_stack::FieldMap, map_surface::Interpolation, plane_grid::PlaneGrid},
-    navigation::ins_series::InsSeries,
+    navigation::{line::NavigationLine, map_noise},
 };
-use schemas::Fault;
+use schemas::{Fault, map::ERROR};
 
 use crate::{
     columns::{data, floats},
@@ -22,9 +22,6 @@ pub struct MapErrors {
     own: Option<FieldMap>,
 }
 
-/// The column of a map with the error of its nodes.
-pub(crate) const OWN_ERROR: &str = "error";
-
 impl MapErrors {
     /// Of the table of a map, which is or is not continued to the heights flown, is or is not interpolated bilinearly, and
     /// whose column `error` counts or does not.
@@ -40,7 +37,7 @@ impl MapErrors {
             Some((known.iter().sum::<f64>() / known.len() as f64, RadialPower::of(&plane).map_err(data)?))
         };
         let cell_m = plane.east_m.step.max(plane.north_m.step);
-        let own = own.then(|| column_map(map, OWN_ERROR, Interpolation::Linear, None)).transpose()?;
+        let own = own.then(|| column_map(map, ERROR, Interpolation::Linear, None)).transpose()?;
         Ok(Self { height, bilinear: bilinear.then(|| (bilinear_error_nt(&plane), cell_m)), own })
     }
 
@@ -60,13 +57,14 @@ impl MapErrors {
 }
 
 impl MapErrors {
-    /// The white noise of each sample, in nT, that weighs as much as the map's own error at the positions of an INS, which
-    /// lasts for `length_m` (its autocorrelation falls to 1/e), at samples `step_m` apart; 0 off the map.
-    pub fn own_nt(&self, ins: &InsSeries<'_>, step_m: f64, length_m: f64) -> Option<Vec<f64>> {
-        let own = self.own.as_ref()?;
+    /// The white noise of each sample, in nT, that weighs as much as the map's own error where the aircraft is
+    /// ([`map_noise::along`]). The error lasts for `length_m` (its autocorrelation falls to 1/e); samples are `step_m` apart.
+    ///
+    /// # Errors
+    /// Fails as [`map_noise::along`].
+    pub fn own_nt(&self, line: &NavigationLine<'_>, step_m: f64, length_m: f64) -> Result<Option<Vec<f64>>, Fault> {
         let factor = (2.0 * length_m / step_m.min(2.0 * length_m)).sqrt();
-        let at = |row: usize| own.at(ins.lat_deg[row], ins.lon_deg[row], ins.alt_m[row]);
-        Some((0..ins.len()).map(|row| at(row).map_or(0.0, |error| factor * error.value_nt.abs())).collect())
+        self.own.as_ref().map(|own| map_noise::along(line, own, factor).map_err(data)).transpose()
     }
 }
 

@@ -355,7 +355,7 @@ impl Stage for MapGrid {
         let reads: Vec<String> = self.reads().into_iter().map(str::to_owned).collect();
         let mut yields = schemas::map::yields(schemas::map::ANOMALY_UNIT, vec![reads.clone()]);
         if self.cross_validate.is_some() {
-            yields.columns.push(Column::float("error", "nT", "error to be expected of the anomaly").from(0, &reads));
+            yields.columns.push(schemas::map::error_column().from(0, &reads));
         }
         Ok(yields)
     }

@@ -8,7 +8,7 @@ use numerics::{
 use schemas::{Arrays, Column, Fault, LineIn, LineStage, Stage, Table, Yield, stage};
 
 use crate::{
-    columns::{array, faults_of, floats, shape},
+    columns::{array, faults_of, floats, role_of, shape},
     core_field::PositionOf,
     maps::{check_levels, field_map},
 };
@@ -35,7 +35,8 @@ input        = "resample"
 map          = "anomaly"
 map_levels_m = [300.0, 400.0]
 "#;
-    /// Where: at the true position (`lat`, `lon`, `alt`) or that of the INS.
+    /// Where: at the true position (`lat`, `lon`, `alt`) or that of the INS. At the true position the columns have the role
+    /// truth: they are no features without `allow_truth`.
     position: PositionOf, unit "", default PositionOf::Truth;
     /// How the map is interpolated: bilinear, or by a natural cubic spline.
     map_interpolation: Interpolation, unit "", default Interpolation::Linear;
@@ -53,8 +54,11 @@ impl Stage for MapValue {
         if !faults.is_empty() {
             return Err(faults);
         }
-        let made =
-            |name: &str, unit: &str, doc: &str| Column::float(name, unit, doc).from(0, &place).from(1, &["anomaly"]);
+        // The map at the true position says where the aircraft is: no feature.
+        let role = role_of(shape, &place);
+        let made = |name: &str, unit: &str, doc: &str| {
+            Column::float(name, unit, doc).role(role).from(0, &place).from(1, &["anomaly"])
+        };
         let columns = vec![
             made("map_anomaly", "nT", "anomaly of the map"),
             made("map_grad_n", "nT/m", "slope of the map, northward"),
@@ -186,6 +190,21 @@ mod tests {
         let fault = run(&map_value(), &[46.0, 47.0], &[-75.0, -75.0]).unwrap_err();
         assert_eq!(fault.what, "no sample is on the map");
         assert!(fault.help.unwrap().contains("cover the flight"));
+    }
+
+    #[test]
+    fn unit_the_map_at_the_true_position_is_truth() {
+        let named = |names: [&str; 3], role: schemas::Role| {
+            let columns =
+                names.iter().zip(["deg", "deg", "m"]).map(|(name, unit)| Column::float(*name, unit, "").role(role));
+            Table::Lines(Shape { columns: columns.collect(), rate_hz: None })
+        };
+        let map = Table::Map(schemas::map::shape());
+        let role = |stage: MapValue, lines: &Table| stage.yields(&[lines, &map]).unwrap().columns[0].role;
+        let truth = named(["lat", "lon", "alt"], schemas::Role::Truth);
+        assert_eq!(role(map_value(), &truth), schemas::Role::Truth);
+        let ins = named(["ins_lat", "ins_lon", "ins_alt"], schemas::Role::Sensor);
+        assert_eq!(role(MapValue { position: PositionOf::Ins, ..map_value() }, &ins), schemas::Role::Derived);
     }
 
     #[test]

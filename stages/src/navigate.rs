@@ -36,6 +36,8 @@ use schemas::{
     Table, Yield, params, stage,
 };
 
+use aiding::{Aiding, Gnss};
+pub(crate) use aiding::{GNSS_UPDATE, GnssUpdate};
 pub use calibrations::Calibration;
 pub use filter::{
     Filter, Flight, Flown, Magnetometer, NavigationFilter, Point, Track, Update, filter, navigate_points,
@@ -48,7 +50,7 @@ use crate::{
     columns::{array, faults_of, floats, shape},
     compensate::NOISE,
     dates::{WAYS_OUT, dated_by_flight, first_year},
-    map_errors::{MapErrors, OWN_ERROR},
+    map_errors::MapErrors,
     maps::{check_levels, field_map},
 };
 
@@ -120,7 +122,7 @@ core_field      = false
     map_levels_m: Option<Vec<f64>>, unit "m", absent "the map is taken at its own height, whatever that of the flight";
     /// The distance over which the error of the map lasts, for a map with the column `error` (`map_grid`, `track_map`): about
     /// that of the lines it is made of. To the noise of each sample comes the white one that weighs as much as the error
-    /// at the position of the INS.
+    /// of the nodes around the position that an extended Kalman filter of the field predicts.
     map_error_length_m: Option<f64>, unit "m", absent "the map is taken as exact", rule Rule::Positive;
     /// The mean of measurement minus prediction over the first seconds of a line, taken off before filtering; 0 takes
     /// nothing off. Compensation leaves a constant undetermined.
@@ -366,9 +368,10 @@ impl Stage for Navigate {
         let models: Vec<usize> = (0..tables.len()).filter(|i| matches!(tables[*i], Table::Model { .. })).collect();
         faults.extend(self.input_faults(map.is_some(), !models.is_empty()));
         if let (Some(_), Some(Table::Map(shape))) = (self.map_error_length_m, map.map(|at| tables[at]))
-            && let Err(fault) = shape.number(OWN_ERROR, "nT")
+            && let Err(fault) = shape.number(schemas::map::ERROR, "nT")
         {
-            faults.push(fault.of_param("map_error_length_m").help("`map_grid` with `error` makes such a map"));
+            let help = "`map_grid` with `cross_validate` makes such a map, and a Parquet map may have the column";
+            faults.push(fault.of_param("map_error_length_m").help(help));
         }
         if !faults.is_empty() {
             return Err(faults);
@@ -401,11 +404,12 @@ impl Stage for Navigate {
             "rms error to expect because the map is at another height than the line; NaN where its own is unknown";
         columns.push(made(Column::float(MAP_HEIGHT_ERROR, "nT", height)));
         columns.extend(filter.columns(&flight).into_iter().map(made));
+        columns.extend(filter.aiding().into_iter().flat_map(Aiding::columns).map(made));
         let mut yields = Yield::append(columns, &reads);
         yields.reads.extend(tables.iter().map(|table| match table {
             Table::Model { .. } => [TERM, VALUE, STD].map(str::to_owned).to_vec(),
             Table::Map(_) | Table::Lines(_) | Table::Scores(_) => {
-                let own_error = self.map_error_length_m.map(|_| OWN_ERROR);
+                let own_error = self.map_error_length_m.map(|_| schemas::map::ERROR);
                 [ANOMALY, "alt"].into_iter().chain(own_error).map(str::to_owned).collect()
             }
         }));
@@ -473,8 +477,9 @@ impl Navigate {
         Ok(measured)
     }
 
-    /// The track as arrays; every column must have `rows` values.
-    fn arrays(&self, track: Track, rows: usize, height_error_nt: f64) -> Result<Vec<ArrayRef>, Fault> {
+    /// The track as arrays; every column must have a value for each sample.
+    fn arrays(&self, track: Track, flown: &Flown, height_error_nt: f64) -> Result<Vec<ArrayRef>, Fault> {
+        let rows = flown.ins.len();
         let update = track.update.iter().map(|update| Some(update.word())).collect::<StringArray>();
         let mut arrays: Vec<ArrayRef> = vec![
             array(track.lat_deg),
@@ -492,6 +497,7 @@ impl Navigate {
             array(vec![height_error_nt; rows]),
         ];
         arrays.extend(track.more);
+        arrays.extend(flown.gnss.as_ref().map(Gnss::array));
         if arrays.iter().any(|array| arrow_array::Array::len(array) != rows) {
             let what =
                 format!("the filter `{}` hands out columns of other lengths than the line", self.filter.kind.name);

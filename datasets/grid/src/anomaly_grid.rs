@@ -9,6 +9,7 @@ use numerics::{
 
 use super::Crs;
 use crate::ReadError;
+use schemas::map::ERROR;
 
 /// The height of a map above the ellipsoid, in metres.
 #[derive(Clone, Debug, PartialEq)]
@@ -39,6 +40,8 @@ pub struct AnomalyGrid {
     pub crs: Crs,
     /// The anomaly in nT by rows, the southernmost first, each from west to east; NaN where unknown.
     pub anomaly_nt: Vec<f64>,
+    /// One sigma of the error of each node in nT, where the map's maker gives it; NaN where unknown.
+    pub error_nt: Option<Vec<f64>>,
     /// The unit of the values: `nT`, or for derivatives of the anomaly `nT/m` or `nT/m2`.
     pub value_unit: &'static str,
     /// The height above the WGS-84 ellipsoid.
@@ -76,8 +79,19 @@ impl AnomalyGrid {
     ) -> Result<AnomalyGrid, ReadError> {
         let (registration, source) = (Registration::Node, PathBuf::new());
         let value_unit = NANOTESLA;
-        let map =
-            AnomalyGrid { x, y, crs, anomaly_nt, value_unit, height, registration, format: "", source, notes: vec![] };
+        let map = AnomalyGrid {
+            x,
+            y,
+            crs,
+            anomaly_nt,
+            error_nt: None,
+            value_unit,
+            height,
+            registration,
+            format: "",
+            source,
+            notes: vec![],
+        };
         map.check()?;
         Ok(map)
     }
@@ -106,12 +120,29 @@ impl AnomalyGrid {
             self.check_range("lon", &self.x, 540.0)?;
         }
         super::check_values(&self.source, &self.anomaly_nt, self.nodes())?;
+        if let Some(error_nt) = &self.error_nt {
+            self.check_error(error_nt)?;
+        }
         match &self.height {
             Height::Level(alt_m) if alt_m.is_infinite() => {}
             Height::Cells(cells) if cells.len() != self.nodes() || cells.iter().any(|a| a.is_infinite()) => {}
             _ => return Ok(()),
         }
         Err(self.fault("the map has a height that is not a number").in_column("alt"))
+    }
+
+    fn check_error(&self, error_nt: &[f64]) -> Result<(), ReadError> {
+        if error_nt.len() != self.nodes() {
+            let what = format!("the grid has {} cells and {} errors", self.nodes(), error_nt.len());
+            return Err(self.fault(what).in_column(ERROR));
+        }
+        match error_nt.iter().position(|error| *error < 0.0 || error.is_infinite()) {
+            Some(node) => Err(self
+                .fault(format!("{} is not a standard deviation in nT", error_nt[node]))
+                .in_column(ERROR)
+                .in_row(node as u64)),
+            None => Ok(()),
+        }
     }
 
     fn check_range(&self, name: &str, axis: &EvenAxis, most: f64) -> Result<(), ReadError> {
@@ -222,12 +253,12 @@ impl AnomalyGrid {
         PlaneGrid { east_m, north_m, values: self.anomaly_nt.clone() }
     }
 
-    /// The same map with other values, one a node, row by row from the south.
+    /// The same map with other values, one a node, row by row from the south, and without errors of the nodes.
     ///
     /// # Errors
     /// Fails for values of another number than the nodes, infinite ones, and none that is known.
     pub fn with_plane_values(&self, values: Vec<f64>) -> Result<AnomalyGrid, ReadError> {
-        let map = AnomalyGrid { anomaly_nt: values, ..self.clone() };
+        let map = AnomalyGrid { anomaly_nt: values, error_nt: None, ..self.clone() };
         map.check()?;
         Ok(map)
     }
@@ -245,6 +276,7 @@ impl AnomalyGrid {
             y,
             crs: self.crs.clone(),
             anomaly_nt: grid.values,
+            error_nt: None,
             value_unit: self.value_unit,
             height,
             registration: self.registration,

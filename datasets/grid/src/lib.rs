@@ -28,7 +28,7 @@ pub use survey_points::{Extra, SurveyPoints, metres, no_metres, plane};
 #[derive(Clone, Debug, PartialEq)]
 pub struct MapTable {
     /// One row a cell, by latitude then longitude, both ascending: `lat`, `lon` (deg), `alt` (m above
-    /// the WGS-84 ellipsoid), `anomaly` (nT, NaN where unknown).
+    /// the WGS-84 ellipsoid), `anomaly` (nT, NaN where unknown), and where the map has it `error` (nT).
     pub batch: RecordBatch,
     /// The number of latitudes.
     pub n_lat: usize,
@@ -47,9 +47,14 @@ impl MapTable {
         let alt = map.heights();
         let lat: Vec<f64> = map.y.coordinates().iter().flat_map(|lat| std::iter::repeat_n(*lat, n_lon)).collect();
         let lon = map.x.coordinates().repeat(n_lat);
-        let columns = [lat, lon, alt, map.anomaly_nt.clone()].map(|c| Arc::new(Float64Array::from(c)) as ArrayRef);
-        let fields: Vec<_> = shape().columns.iter().map(schemas::Column::field).collect();
-        let batch = RecordBatch::try_new(Arc::new(Schema::new(fields)), columns.to_vec());
+        let mut columns = vec![lat, lon, alt, map.anomaly_nt.clone()];
+        let mut fields: Vec<_> = shape().columns.iter().map(schemas::Column::field).collect();
+        if let Some(error_nt) = &map.error_nt {
+            columns.push(error_nt.clone());
+            fields.push(schemas::map::error_column().field());
+        }
+        let columns = columns.into_iter().map(|c| Arc::new(Float64Array::from(c)) as ArrayRef).collect();
+        let batch = RecordBatch::try_new(Arc::new(Schema::new(fields)), columns);
         let batch = batch.map_err(|e| map.fault(e.to_string()))?;
         Ok(MapTable { batch, n_lat, n_lon, notes: map.notes.clone() })
     }

@@ -34,9 +34,14 @@ impl AnomalyGrid {
         let width = self.x.len;
         let northing = self.y.coordinates().iter().flat_map(|y| std::iter::repeat_n(*y, width)).collect();
         let easting = self.x.coordinates().repeat(self.y.len);
-        let columns = [northing, easting, self.heights(), self.anomaly_nt.clone()];
-        let columns = columns.map(|c: Vec<f64>| Arc::new(Float64Array::from(c)) as ArrayRef);
-        let batch = RecordBatch::try_new(Arc::new(Schema::new(own.fields())), columns.to_vec());
+        let (mut fields, mut columns) =
+            (own.fields(), vec![northing, easting, self.heights(), self.anomaly_nt.clone()]);
+        if let Some(error_nt) = &self.error_nt {
+            columns.push(error_nt.clone());
+            fields.push(schemas::map::error_column().field());
+        }
+        let columns = columns.into_iter().map(|c: Vec<f64>| Arc::new(Float64Array::from(c)) as ArrayRef).collect();
+        let batch = RecordBatch::try_new(Arc::new(Schema::new(fields)), columns);
         batch.map_err(|e| self.fault(e.to_string()))
     }
 
@@ -149,7 +154,12 @@ fn of_nodes(table: &RecordBatch, [x, y]: [&str; 2], epsg: u16) -> Result<Anomaly
     let level_m = alt.first().copied().unwrap_or(f64::NAN);
     let level = alt.iter().all(|a| *a == level_m || a.is_nan() && level_m.is_nan());
     let height = if level { Height::Level(level_m) } else { Height::Cells(alt) };
-    AnomalyGrid::new(x, y, crs, column("anomaly")?, height)
+    let mut map = AnomalyGrid::new(x, y, crs, column("anomaly")?, height)?;
+    if table.column_by_name(schemas::map::ERROR).is_some() {
+        map.error_nt = Some(column(schemas::map::ERROR)?);
+        map.check()?;
+    }
+    Ok(map)
 }
 
 fn wrong(what: impl Into<String>) -> ReadError {

@@ -63,8 +63,19 @@ impl AnomalyGrid {
         notes.push(self.note_of(&target));
         let (registration, source) = (Registration::Node, self.source.clone());
         let (value_unit, format) = (self.value_unit, self.format);
-        let map =
-            AnomalyGrid { x, y, crs: target, anomaly_nt, value_unit, height, registration, format, source, notes };
+        let map = AnomalyGrid {
+            x,
+            y,
+            crs: target,
+            anomaly_nt,
+            error_nt: None,
+            value_unit,
+            height,
+            registration,
+            format,
+            source,
+            notes,
+        };
         map.check()?;
         Ok(map)
     }

@@ -11,7 +11,7 @@ use ::parquet::{
 use arrow_array::{Array, ArrayRef, Float64Array, RecordBatch, cast::AsArray, types::Float64Type};
 use arrow_cast::cast;
 use arrow_schema::{ArrowError, DataType, Field, Schema, SchemaRef};
-use schemas::{Role, field};
+use schemas::{Role, field, map::ERROR};
 
 use super::{Head, MapFormat, MapOptions, guarded, output::Outputs, parquet};
 use crate::{
@@ -37,6 +37,11 @@ pub(super) const EASTINGS: &[&str] = &["easting", "easting_m", "utm_easting_m", 
 pub(super) const NORTHINGS: &[&str] = &["northing", "northing_m", "utm_northing_m", "osgb_northing_m", "y"];
 pub(super) const HEIGHTS: &[&str] = &["alt", "alt_m", "altitude_m"];
 pub(super) const ANOMALIES: &[&str] = &["anomaly", "anomaly_nt", "total_field_anomaly_nt"];
+
+/// Whether a map's file gives the error of each node; `false` of a file that cannot be read.
+pub(super) fn gives_error(path: &Path) -> bool {
+    path.is_file() && parquet::builder(path).is_ok_and(|builder| builder.schema().field_with_name(ERROR).is_ok())
+}
 
 fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     let builder = parquet::builder(path)?;
@@ -66,8 +71,11 @@ fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     let (x, y) = ((x.as_str(), xs.as_slice()), (y.as_str(), ys.as_slice()));
     let values = numbers(path, &batches, &anomaly)?;
     let height = known(HEIGHTS).map(|name| numbers(path, &batches, &name)).transpose()?;
-    let columns: Vec<&[f64]> = [Some(&values), height.as_ref()].into_iter().flatten().map(Vec::as_slice).collect();
+    let error = known(&[ERROR]).map(|name| numbers(path, &batches, &name)).transpose()?;
+    let columns = [Some(&values), height.as_ref(), error.as_ref()];
+    let columns: Vec<&[f64]> = columns.into_iter().flatten().map(Vec::as_slice).collect();
     let mut nodes = from_nodes(path, x, y, &columns)?;
+    let errors = nodes.values.pop_if(|_| error.is_some());
     let heights = nodes.values.pop_if(|_| height.is_some());
     let system = match code {
         Some(code) => System::Epsg(code),
@@ -76,7 +84,7 @@ fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     };
     let mut draft = Draft::new(path, nodes.x, nodes.y, nodes.values.pop().unwrap_or_default(), system);
     draft.unit = unit;
-    draft.heights = heights;
+    (draft.heights, draft.errors) = (heights, errors);
     draft.finish(options)
 }
 

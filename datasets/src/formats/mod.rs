@@ -468,6 +468,13 @@ pub fn read_grid(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadE
     Ok(AnomalyGrid { format: format.name, ..map })
 }
 
+/// Whether a map's file has a column with the error of each node ([`schemas::map::ERROR`]), as Parquet may.
+pub fn map_gives_error(path: &Path, options: &MapOptions) -> bool {
+    let parquet = map_parquet::FORMAT;
+    let chosen = || Head::read(path).is_ok_and(|head| (parquet.recognise)(&head));
+    options.format.as_deref().map_or_else(chosen, |format| format == parquet.name) && map_parquet::gives_error(path)
+}
+
 /// The files that a map is made of: its own, or all of a folder's, and those next to it: the cells of a header, the
 /// coordinate system.
 ///

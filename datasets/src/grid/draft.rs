@@ -18,6 +18,8 @@ pub(crate) struct Draft<'a> {
     pub(crate) values: Vec<f64>,
     /// Heights in the same order, where the file has them.
     pub(crate) heights: Option<Vec<f64>>,
+    /// One sigma of the error of each value in the same order and unit, where the file has it.
+    pub(crate) errors: Option<Vec<f64>>,
     /// The one height of all nodes, where the file gives it.
     pub(crate) level_m: Option<f64>,
     /// The unit of the values, where the file gives it.
@@ -55,6 +57,7 @@ impl<'a> Draft<'a> {
             y,
             values,
             heights: None,
+            errors: None,
             level_m: None,
             unit: None,
             system,
@@ -74,11 +77,16 @@ impl<'a> Draft<'a> {
         let value_unit = self.scale(options)?;
         let crs = self.crs(options)?;
         let height = self.height(options)?;
+        if self.errors.iter().flatten().any(|error| *error < 0.0 || error.is_infinite()) {
+            self.errors = None;
+            self.notes.push("the column `error` is not used: it has values that are no standard deviations".to_owned());
+        }
         let mut map = AnomalyGrid {
             x: self.x.ascending(),
             y: self.y.ascending(),
             crs,
             anomaly_nt: self.values,
+            error_nt: self.errors,
             value_unit,
             height,
             registration: self.registration,
@@ -94,7 +102,7 @@ impl<'a> Draft<'a> {
     /// Brings rows and columns into ascending order.
     fn flip(&mut self) {
         let (width, x_down, y_down) = (self.x.len(), self.x.descends(), self.y.descends());
-        let columns = [Some(&mut self.values), self.heights.as_mut()];
+        let columns = [Some(&mut self.values), self.heights.as_mut(), self.errors.as_mut()];
         for values in columns.into_iter().flatten() {
             if y_down {
                 *values = values.chunks(width).rev().flatten().copied().collect();
@@ -123,7 +131,7 @@ impl<'a> Draft<'a> {
             ReadError::options(self.path, format!("the unit `{unit}` does not convert to nT")).in_column("anomaly")
         })?;
         if factor != 1.0 {
-            self.values.iter_mut().for_each(|v| *v *= factor);
+            self.values.iter_mut().chain(self.errors.iter_mut().flatten()).for_each(|v| *v *= factor);
             self.notes.push(format!("values in {unit} times {factor} are nT"));
         }
         Ok(NANOTESLA)
@@ -196,7 +204,7 @@ fn turn(map: &mut AnomalyGrid) {
         Height::Level(_) => None,
     };
     let width = map.x.len;
-    for values in [Some(&mut map.anomaly_nt), heights].into_iter().flatten() {
+    for values in [Some(&mut map.anomaly_nt), heights, map.error_nt.as_mut()].into_iter().flatten() {
         for row in values.chunks_mut(width) {
             let turned: Vec<f64> = columns.iter().map(|c| row.get(*c).copied().unwrap_or(f64::NAN)).collect();
             row.copy_from_slice(&turned);

@@ -39,7 +39,8 @@ pub struct Builder<'a> {
     /// The table that each of `flights` is to a stage.
     pub shapes: Vec<Arc<Table>>,
     pub maps: Vec<MapSource>,
-    pub map_shape: Arc<Table>,
+    /// The table of a map, and of one that gives the error of each node.
+    pub map_shapes: [Arc<Table>; 2],
     /// The table that each of `maps` is to a stage.
     pub wholes: Vec<Arc<Table>>,
     /// Tables of files already opened, by name and use; `None` where that failed.
@@ -63,7 +64,8 @@ impl<'a> Builder<'a> {
             flights: vec![],
             shapes: vec![],
             maps: vec![],
-            map_shape: Arc::new(Table::Map(schemas::map::shape())),
+            map_shapes: [schemas::map::shape(), schemas::map::shape_with_error()]
+                .map(|shape| Arc::new(Table::Map(shape))),
             wholes: vec![],
             sources: BTreeMap::new(),
             tables: vec![],

@@ -205,7 +205,8 @@ impl Builder<'_> {
     fn whole(&mut self, mut source: MapSource) -> Target {
         source.read_all = self.spec.verify_inputs;
         // Maps are alike to a stage, so that points which differ in their map share what is planned.
-        self.wholes.push(source.model().map_or_else(|| self.map_shape.clone(), Arc::new));
+        let map = &self.map_shapes[usize::from(source.gives_error())];
+        self.wholes.push(source.model().map_or_else(|| map.clone(), Arc::new));
         self.maps.push(source);
         Target::Map(self.maps.len() - 1)
     }

@@ -27,7 +27,7 @@ use std::{path::PathBuf, sync::Arc};
 
 use arrow_array::RecordBatch;
 use arrow_schema::{Schema, SchemaRef};
-use datasets::{AnomalyGrid, MapOptions, map_files, read_grid};
+use datasets::{AnomalyGrid, MapOptions, map_files, map_gives_error, read_grid};
 use schemas::{Column, Fault, Shape, Table, canonical::Canonical, describe_field};
 
 pub use bytes::{Bytes, Trust, fingerprint};
@@ -53,7 +53,7 @@ use crate::{
 const VERSION: &str = "ingest 2";
 
 /// Raised when the stored form of a map changes.
-const MAP_VERSION: &str = "map 2";
+const MAP_VERSION: &str = "map 3";
 
 /// Raised when the stored form of a model that is read changes.
 const MODEL_VERSION: &str = "model 1";
@@ -232,7 +232,11 @@ fn merge(
 /// What a table of files without flight lines holds.
 enum Content {
     /// A map.
-    Map(MapOptions),
+    Map {
+        options: MapOptions,
+        /// Whether it gives the error of each node.
+        error: bool,
+    },
     /// A model.
     Model(ModelTable),
 }
@@ -255,7 +259,13 @@ impl MapSource {
     /// Fails for options that a map does not have, and for a file that does not exist.
     pub fn open(decl: &SourceDecl, folder: &std::path::Path) -> Result<MapSource, Vec<Fault>> {
         let path = existing(decl, folder)?;
-        Ok(MapSource { path, ..MapSource::recorded(decl)? })
+        let options = map_options(decl)?;
+        let error = map_gives_error(&path, &options);
+        Ok(MapSource::of_map(decl, path, options, error))
+    }
+
+    fn of_map(decl: &SourceDecl, path: PathBuf, options: MapOptions, error: bool) -> MapSource {
+        MapSource { name: decl.name.clone(), path, read_all: false, content: Content::Map { options, error } }
     }
 
     /// A map whose key is known: it has no file to read.
@@ -263,8 +273,8 @@ impl MapSource {
     /// # Errors
     /// Fails for options that a map does not have.
     pub fn recorded(decl: &SourceDecl) -> Result<MapSource, Vec<Fault>> {
-        let content = Content::Map(map_options(decl)?);
-        Ok(MapSource { name: decl.name.clone(), path: PathBuf::new(), read_all: false, content })
+        // Planned before, with the file: a stage that asks for the error has been given it.
+        Ok(MapSource::of_map(decl, PathBuf::new(), map_options(decl)?, true))
     }
 
     /// A model: checks that the files hold one.
@@ -290,15 +300,20 @@ impl MapSource {
     /// What it holds, in a word.
     pub fn word(&self) -> &'static str {
         match self.content {
-            Content::Map(_) => "map",
+            Content::Map { .. } => "map",
             Content::Model(_) => "model",
         }
     }
 
-    /// What a model is to a stage; `None` of a map, which all maps are alike.
+    /// Whether it is a map that gives the error of each node.
+    pub fn gives_error(&self) -> bool {
+        matches!(self.content, Content::Map { error: true, .. })
+    }
+
+    /// What a model is to a stage; `None` of a map: all that give an error are alike, and all others.
     pub fn model(&self) -> Option<Table> {
         match &self.content {
-            Content::Map(_) => None,
+            Content::Map { .. } => None,
             Content::Model(model) => Some(model.table()),
         }
     }
@@ -306,7 +321,7 @@ impl MapSource {
     /// The columns of a model; `None` of a map.
     pub fn schema(&self) -> Option<&SchemaRef> {
         match &self.content {
-            Content::Map(_) => None,
+            Content::Map { .. } => None,
             Content::Model(model) => Some(&model.schema),
         }
     }
@@ -314,7 +329,10 @@ impl MapSource {
     /// The names of its columns.
     pub fn columns(&self) -> Vec<String> {
         match self.model() {
-            None => schemas::map::COLUMNS.iter().map(|(name, _)| (*name).to_owned()).collect(),
+            None => {
+                let error = self.gives_error().then_some(schemas::map::ERROR);
+                schemas::map::COLUMNS.iter().map(|(name, _)| *name).chain(error).map(str::to_owned).collect()
+            }
             Some(model) => model.shape().columns.iter().map(|c| c.name.clone()).collect(),
         }
     }
@@ -326,7 +344,7 @@ impl MapSource {
     pub fn load(&self, store: &Store) -> Result<(Key, Vec<Bytes>), Fault> {
         let files = match self.content {
             // The cells of a map may be next to its header.
-            Content::Map(_) => map_files(&self.path).map_err(Fault::from)?,
+            Content::Map { .. } => map_files(&self.path).map_err(Fault::from)?,
             Content::Model(_) if self.path.is_dir() => {
                 let mut files = vec![];
                 let wrong = |e: std::io::Error| Fault::machine(format!("cannot read {}: {e}", self.path.display()));
@@ -339,13 +357,13 @@ impl MapSource {
         let bytes: Vec<Bytes> =
             files.iter().map(|file| fingerprint(store, file, self.read_all)).collect::<Result<_, _>>()?;
         let fixed = match &self.content {
-            Content::Map(options) => ["map", MAP_VERSION, datasets::VERSION, &spelt(options)].map(str::to_owned),
+            Content::Map { options, .. } => ["map", MAP_VERSION, datasets::VERSION, &spelt(options)].map(str::to_owned),
             Content::Model(model) => ["model", MODEL_VERSION, "", &model.condition].map(str::to_owned),
         };
         let key = Key::of(fixed.into_iter().chain(bytes.iter().map(|b| b.hash.to_string())));
         if !store.has(key) {
             let rows = match &self.content {
-                Content::Map(options) => {
+                Content::Map { options, .. } => {
                     read_grid(&self.path, options).and_then(|grid| grid.table()).map_err(Fault::from)?
                 }
                 Content::Model(model) => model::read(&self.path, &model.condition)?,
@@ -382,7 +400,9 @@ pub fn map_batch(store: &Store, key: Key) -> Result<RecordBatch, Fault> {
 /// # Errors
 /// When the store cannot be read.
 pub fn made_map_batch(store: &Store, key: Key) -> Result<RecordBatch, Fault> {
-    let rows = store.get(key, &schemas::map::MADE_COLUMNS)?;
+    let error = store.columns(key)?.field_with_name(schemas::map::ERROR).is_ok().then_some(schemas::map::ERROR);
+    let columns: Vec<&str> = schemas::map::MADE_COLUMNS.into_iter().chain(error).collect();
+    let rows = store.get(key, &columns)?;
     AnomalyGrid::of_made(&rows).and_then(|map| map.table()).map_err(Fault::from)
 }
 

@@ -1,10 +1,16 @@
 //! Positions from a GNSS receiver or a barometer, as a filter takes them.
 
-use numerics::navigation::position_fixes::PositionFixes;
-use schemas::{Fault, Rule, params};
+use std::sync::Arc;
+
+use arrow_array::{ArrayRef, StringArray};
+use numerics::{
+    navigation::{fix_test, position_fixes::PositionFixes},
+    random::Normals,
+};
+use schemas::{Column, Fault, Role, Rule, Shape, choice, params};
 
 use super::filter::{Flight, Flown};
-use crate::columns::floats;
+use crate::columns::{data, floats, role_of};
 
 params! {
     /// Positions that aid a filter beside the magnetic field.
@@ -13,8 +19,7 @@ params! {
     /// the columns of `gnss` aids the filter. `[0.0, 600.0]` is a flight whose GNSS comes after ten minutes; an end beyond
     /// the line's is a loss for good.
     gnss_lost_s: Option<[f64; 2]>, unit "s", absent "GNSS is not used", rule Rule::NotNegative;
-    /// Latitude, longitude and height above the ellipsoid by GNSS. The noise of `gnss_sigma_m` is expected of them, and not
-    /// added.
+    /// Latitude, longitude and height above the ellipsoid by GNSS.
     gnss: [String; 3], unit "", default ["lat", "lon", "alt"].map(str::to_owned);
     /// Time from one position by GNSS to the next.
     gnss_interval_s: f64, unit "s", default 1.0, rule Rule::Positive;
@@ -22,7 +27,44 @@ params! {
     gnss_sigma_m: f64, unit "m", default 2.0, rule Rule::Positive;
     /// One sigma of the height by GNSS.
     gnss_alt_sigma_m: f64, unit "m", default 5.0, rule Rule::Positive;
+    /// Whether white noise of these sigmas is added to the positions, always the same of one line: the truth of a simulation has
+    /// none, and a filter that expects noise where there is none looks better than it is.
+    gnss_noise: Option<bool>, unit "", absent "true where `gnss` names columns of the role truth";
+    /// Whether each position is tested against the INS, alone (chi-square) and with those before it (cumulative sum). Rejected
+    /// positions are not used: a jump at once, a drift of 1 m/s after about 10 s, from its begin on. Positions are used again
+    /// once ten in a row agree with the INS. Appends `gnss_update` either way.
+    gnss_test: bool, unit "", default true;
 }
+
+choice! {
+    /// The outcome for a position by GNSS.
+    pub enum GnssUpdate {
+        /// It aided the filter.
+        Used = "used",
+        /// The test rejected it, or its height.
+        Rejected = "rejected",
+        /// There was none.
+        None = "none",
+    }
+}
+
+/// Positions by GNSS along a line.
+pub struct Gnss {
+    /// Those that passed the test.
+    pub accepted: PositionFixes,
+    /// The outcome of each sample.
+    updates: Vec<GnssUpdate>,
+}
+
+impl Gnss {
+    /// The column of [`Aiding::columns`].
+    pub(super) fn array(&self) -> ArrayRef {
+        Arc::new(self.updates.iter().map(|update| Some(update.word())).collect::<StringArray>())
+    }
+}
+
+/// The column with the outcome for each position.
+pub(crate) const GNSS_UPDATE: &str = "gnss_update";
 
 impl Aiding {
     /// The columns that are read.
@@ -41,13 +83,33 @@ impl Aiding {
 
     /// Why a key has no say.
     pub(super) fn idle(&self, key: &str) -> Option<Fault> {
-        let of_gnss = ["gnss", "gnss_interval_s", "gnss_sigma_m", "gnss_alt_sigma_m"];
+        let of_gnss = ["gnss", "gnss_interval_s", "gnss_sigma_m", "gnss_alt_sigma_m", "gnss_noise", "gnss_test"];
         let idle = self.gnss_lost_s.is_none() && of_gnss.contains(&key);
         idle.then(|| Fault::new(format!("`{key}` has no say without `gnss_lost_s`")))
     }
 
-    /// The positions along the line.
-    pub(super) fn fixes(&self, flown: &Flown) -> Result<Option<PositionFixes>, Fault> {
+    /// The columns that it makes.
+    pub(super) fn columns(&self) -> Vec<Column> {
+        let column = || Column::text(GNSS_UPDATE, "outcome for the position by GNSS: used, rejected or none");
+        self.gnss_lost_s.map(|_| column()).into_iter().collect()
+    }
+
+    /// The positions along the line, tested.
+    pub(super) fn gnss(&self, flown: &Flown) -> Result<Option<Gnss>, Fault> {
+        let Some(fixes) = self.fixes(flown)? else { return Ok(None) };
+        let there = |row: usize| fixes.lat_deg[row].is_finite() && fixes.lon_deg[row].is_finite();
+        let mut updates: Vec<GnssUpdate> =
+            (0..flown.ins.len()).map(|row| if there(row) { GnssUpdate::Used } else { GnssUpdate::None }).collect();
+        if !self.gnss_test {
+            return Ok(Some(Gnss { accepted: fixes, updates }));
+        }
+        let tested = fix_test::run(&flown.ins, &flown.errors, &fixes).map_err(data)?;
+        let rejected = updates.iter_mut().zip(&tested.rejected).filter(|(_, rejected)| **rejected);
+        rejected.for_each(|(update, _)| *update = GnssUpdate::Rejected);
+        Ok(Some(Gnss { accepted: tested.accepted, updates }))
+    }
+
+    fn fixes(&self, flown: &Flown) -> Result<Option<PositionFixes>, Fault> {
         let Some([lost_s, found_s]) = self.gnss_lost_s else { return Ok(None) };
         let [lat, lon, alt] = self.gnss.each_ref().map(|column| floats(flown.columns, column));
         let columns = [lat?, lon?, alt?];
@@ -59,6 +121,9 @@ impl Aiding {
             vertical_sigma_m: self.gnss_alt_sigma_m,
         };
         let first_s = flown.ins.tt_s.first().copied().unwrap_or_default();
+        let shape = Shape::of(&flown.columns.schema());
+        let noisy = self.gnss_noise.unwrap_or_else(|| role_of(&shape, &self.gnss) == Role::Truth);
+        let mut normals = Normals::new(flown.ins.lat_deg.first().map_or(0, |lat| lat.to_bits()) ^ first_s.to_bits());
         let (mut due_s, mut expected, mut found) = (0.0, 0_usize, 0_usize);
         for (row, tt_s) in flown.ins.tt_s.iter().enumerate() {
             let at_s = tt_s - first_s;
@@ -69,7 +134,11 @@ impl Aiding {
             expected += 1;
             let [lat, lon, alt] = columns.map(|column| column[row]);
             if lat.is_finite() && lon.is_finite() {
-                (fixes.lat_deg[row], fixes.lon_deg[row], fixes.alt_m[row]) = (lat, lon, alt);
+                let [north, east, up] = if noisy { [normals.draw(), normals.draw(), normals.draw()] } else { [0.0; 3] };
+                let (north_m, east_m) = flown.errors.earth.north_east_m_per_rad(lat.to_radians(), flown.ins.alt_m[row]);
+                fixes.lat_deg[row] = lat + (self.gnss_sigma_m * north / north_m).to_degrees();
+                fixes.lon_deg[row] = lon + (self.gnss_sigma_m * east / east_m).to_degrees();
+                fixes.alt_m[row] = alt + self.gnss_alt_sigma_m * up;
                 due_s = at_s + self.gnss_interval_s;
                 found += 1;
             }
@@ -136,6 +205,35 @@ mod tests {
         assert!(falls(&sparse).iter().all(|row| row % 50 == 0) && falls(&sparse).contains(&50), "{:?}", falls(&sparse));
         assert!(falls(&sparse).iter().chain(&falls(&dense)).all(|row| !(100..200).contains(row)));
         assert!(dense[99] < sparse[99]);
+    }
+
+    #[test]
+    fn law_a_drift_of_gnss_is_rejected_in_every_filter_that_it_aids() {
+        let drawn = with(&flight(), "lat", |row, lat| lat + (row as f64 - 300.0).max(0.0) / 111_130.0);
+        let keys = "mag = 'mag_1_c'\ngnss_lost_s = [1e6, 1e6]\ngnss_sigma_m = 2.0";
+        for filter in ["ekf", "ins_only", "ukf", "ekf_adaptive", "fixed_lag"] {
+            let own = if filter == "fixed_lag" { "\naircraft_sigma_nt = 0.0" } else { "" };
+            let found = flown(filter, &format!("{keys}{own}"), &drawn).unwrap();
+            let updates = found.words("gnss_update");
+            let first = updates.iter().position(|word| word == "rejected").unwrap();
+            assert!((300..312).contains(&first), "{filter}: {first}");
+            assert!(updates[312..].iter().all(|word| word == "rejected"), "{filter}");
+            let taken = flown(filter, &format!("{keys}{own}\ngnss_test = false"), &drawn).unwrap();
+            assert!(taken.words("gnss_update").iter().all(|word| word == "used"), "{filter}");
+            let (held_m, taken_m) = (found.error_m(ROWS - 1), taken.error_m(ROWS - 1));
+            assert!(held_m < 60.0 && taken_m > 200.0, "{filter}: {held_m} {taken_m}");
+        }
+        assert!(!run("ekf", "mag = 'mag_1_c'").has("gnss_update"));
+    }
+
+    #[test]
+    fn unit_noise_is_added_where_it_is_asked_for() {
+        let keys = "mag = 'mag_1_c'\ngnss_lost_s = [1e6, 1e6]\ngnss_sigma_m = 2.0";
+        let of = |more: &str| run("ins_only", &format!("{keys}{more}")).numbers("lat");
+        let (none, some) = (of(""), of("\ngnss_noise = true"));
+        assert_eq!(some, of("\ngnss_noise = true"), "the same of one line");
+        let off = none.iter().zip(&some).map(|(a, b)| (111_130.0 * (a - b)).abs()).fold(0.0, f64::max);
+        assert!((0.3..10.0).contains(&off), "{off}");
     }
 
     #[test]

@@ -40,7 +40,7 @@ impl NavigationFilter for Crlb {
         let faults: Vec<Fault> =
             TRUTH.iter().filter_map(|(name, unit)| flight.shape.number(name, unit).err()).collect();
         let truth = if faults.is_empty() { Ok(TRUTH.map(|(name, _)| name.to_owned()).to_vec()) } else { Err(faults) };
-        both(truth, both(self.aiding.reads(flight), self.further.reads(flight)))
+        both(truth, both(self.aiding.reads(flight), both(self.further.reads(flight), self.further.no_latency())))
     }
 
     fn takes_field(&self) -> bool {
@@ -57,6 +57,10 @@ impl NavigationFilter for Crlb {
         state.chain(self.further.columns()).collect()
     }
 
+    fn aiding(&self) -> Option<&Aiding> {
+        Some(&self.aiding)
+    }
+
     fn idle(&self, key: &str) -> Option<Fault> {
         let what = "the bound knows the map, so that no sample is too flat";
         (key == "flat_over_m")
@@ -66,8 +70,7 @@ impl NavigationFilter for Crlb {
     }
 
     fn navigate(&self, flown: &Flown) -> Result<Track, Fault> {
-        let fixes = self.aiding.fixes(flown)?;
-        let line = NavigationLine { fixes: fixes.as_ref(), ..flown.line_with(self.discretisation)? };
+        let line = NavigationLine { fixes: flown.fixes(), ..flown.line_with(self.discretisation)? };
         let [lat_deg, lon_deg, alt_m] = TRUTH.map(|(name, _)| floats(flown.columns, name));
         let [lat_deg, lon_deg, alt_m] = [lat_deg?, lon_deg?, alt_m?];
         let path = TruePath { lat_deg, lon_deg, alt_m, velocity_ned_mps: None };
@@ -81,7 +84,7 @@ impl NavigationFilter for Crlb {
             let mut out = run_aided(&line, &path, self.save_state, &aids).map_err(data)?;
             self.further.enough(flown, &out.navigation.report)?;
             let mut more = covariances(&mut out.navigation)?;
-            more.extend(self.further.arrays(out.aids, out.slope_nt_per_m));
+            more.extend(self.further.arrays(out.aids, Default::default(), out.slope_nt_per_m));
             return Ok(Track { more, update: updates(&out.usage), ..Track::without_updates(out.navigation) });
         }
         let mut out = run(&line, &path, self.save_state).map_err(data)?;

@@ -47,6 +47,10 @@ impl NavigationFilter for Ekf {
         self.further.takes_direction()
     }
 
+    fn aiding(&self) -> Option<&Aiding> {
+        Some(&self.aiding)
+    }
+
     fn idle(&self, key: &str) -> Option<Fault> {
         self.aiding.idle(key).or_else(|| self.further.idle(key))
     }
@@ -74,13 +78,12 @@ impl Ekf {
     fn together(points: &[(&Self, &Flown)]) -> Vec<Result<Track, Fault>> {
         let Some((_, first)) = points.first() else { return vec![] };
         let parameters: Vec<EkfParameters> = points.iter().map(|(filter, flown)| filter.parameters(flown)).collect();
-        let asked: Vec<Result<_, Fault>> =
-            points.iter().map(|(filter, flown)| Ok((filter.aiding.fixes(flown)?, flown.needed_map()?))).collect();
+        let asked: Vec<Result<_, Fault>> = points.iter().map(|(_, flown)| flown.needed_map()).collect();
         let mut filters: Vec<EkfPoint> = vec![];
         for (((_, flown), parameters), asked) in points.iter().zip(&parameters).zip(&asked) {
-            let Ok((fixes, map)) = asked else { continue };
+            let Ok(map) = asked else { continue };
             let (measurement_nt, sigma_nt) = (flown.measured_nt.as_slice(), Some(flown.sigma_nt.as_slice()));
-            let (fixes, core) = (fixes.as_ref(), flown.core.as_ref());
+            let (fixes, core) = (flown.fixes(), flown.core.as_ref());
             filters.push(EkfPoint { parameters, measurement_nt, sigma_nt, fixes, map, core });
         }
         let mut outputs = run_together(&first.ins, &filters).into_iter();
@@ -94,8 +97,7 @@ impl Ekf {
 
     /// The point with its further measurements.
     fn alone(&self, flown: &Flown) -> Result<Track, Fault> {
-        let fixes = self.aiding.fixes(flown)?;
-        let line = NavigationLine { fixes: fixes.as_ref(), ..flown.line_with(self.discretisation)? };
+        let line = NavigationLine { fixes: flown.fixes(), ..flown.line_with(self.discretisation)? };
         let parameters = AidedParameters {
             linearisation: Linearisation::Once,
             gate_nis: self.gate_nis,

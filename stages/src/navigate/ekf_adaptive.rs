@@ -87,6 +87,10 @@ impl NavigationFilter for EkfAdaptive {
         columns
     }
 
+    fn aiding(&self) -> Option<&Aiding> {
+        Some(&self.aiding)
+    }
+
     fn idle(&self, key: &str) -> Option<Fault> {
         let bounds_r = ["sigma_min_nt", "sigma_max_nt", "form"].contains(&key);
         let idle = (bounds_r && self.adapt == Adapt::Q)
@@ -95,8 +99,7 @@ impl NavigationFilter for EkfAdaptive {
     }
 
     fn navigate(&self, flown: &Flown) -> Result<Track, Fault> {
-        let fixes = self.aiding.fixes(flown)?;
-        let line = NavigationLine { fixes: fixes.as_ref(), ..flown.line_with(self.discretisation)? };
+        let line = NavigationLine { fixes: flown.fixes(), ..flown.line_with(self.discretisation)? };
         let parameters = AdaptiveParameters {
             adapt: self.adapt,
             form: self.form,
@@ -132,7 +135,7 @@ impl NavigationFilter for EkfAdaptive {
             let AidedOutput { mut navigation, usage, aids, slope_nt_per_m, .. } = out.line;
             enough(flown, &navigation.report)?;
             let mut more = self.more(out.magnetometers, out.given_back, &mut navigation)?;
-            more.extend(self.further.arrays(aids, slope_nt_per_m));
+            more.extend(self.further.arrays(aids, Default::default(), slope_nt_per_m));
             return Ok(Track { more, update: updates(&usage), ..Track::without_updates(navigation) });
         }
         let mut out = run(&parameters, &line, &magnetometers).map_err(data)?;

@@ -112,6 +112,10 @@ impl NavigationFilter for EkfOnlineNn {
         columns
     }
 
+    fn aiding(&self) -> Option<&Aiding> {
+        Some(&self.aiding)
+    }
+
     fn idle(&self, key: &str) -> Option<Fault> {
         self.aiding.idle(key).or_else(|| self.further.idle(key))
     }
@@ -121,10 +125,10 @@ impl NavigationFilter for EkfOnlineNn {
     }
 
     fn navigate(&self, flown: &Flown) -> Result<Track, Fault> {
-        let fixes = self.aiding.fixes(flown)?.ok_or_else(|| Fault::bug("a network without GNSS is trained"))?;
-        let line = NavigationLine { fixes: Some(&fixes), ..flown.line_with(self.discretisation)? };
+        let fixes = flown.fixes().ok_or_else(|| Fault::bug("a network without GNSS is trained"))?;
+        let line = NavigationLine { fixes: Some(fixes), ..flown.line_with(self.discretisation)? };
         let (features, names) = matrix(flown.columns, &self.features)?;
-        let (network, prior, training) = self.train(flown, &line, &fixes, (features, &names))?;
+        let (network, prior, training) = self.train(flown, &line, fixes, (features, &names))?;
         let mut measured_nt = flown.measured_nt.clone();
         measured_nt[..training].fill(f64::NAN);
         let sigma_nt: Vec<f64> = flown
@@ -149,7 +153,7 @@ impl NavigationFilter for EkfOnlineNn {
         if self.save_weights {
             more.push(list(out.weights_by_row, network.weights())?);
         }
-        more.extend(self.further.arrays(out.aids, out.slope_nt_per_m));
+        more.extend(self.further.arrays(out.aids, Default::default(), out.slope_nt_per_m));
         let mut track = Track::of(flown, out.navigation, self.gate_nis)?;
         if self.further.is_any() {
             track.update = updates(&out.usage);

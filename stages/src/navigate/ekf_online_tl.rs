@@ -91,6 +91,10 @@ impl NavigationFilter for EkfOnlineTl {
         columns
     }
 
+    fn aiding(&self) -> Option<&Aiding> {
+        Some(&self.aiding)
+    }
+
     fn idle(&self, key: &str) -> Option<Fault> {
         let of_bias = ["flux_bias_tau_s", "bt_scale_nt"].contains(&key) && self.flux_bias_sigma_nt.is_none();
         of_bias
@@ -101,8 +105,7 @@ impl NavigationFilter for EkfOnlineTl {
 
     fn navigate(&self, flown: &Flown) -> Result<Track, Fault> {
         one_with_models(flown)?;
-        let fixes = self.aiding.fixes(flown)?;
-        let line = NavigationLine { fixes: fixes.as_ref(), ..flown.line_with(self.discretisation)? };
+        let line = NavigationLine { fixes: flown.fixes(), ..flown.line_with(self.discretisation)? };
         let terms = self.aircraft.terms(flown)?;
         let prior = self.aircraft.prior(&terms.names, step_s(flown), flown.models)?;
         let walk_density: Vec<f64> =
@@ -131,7 +134,7 @@ impl NavigationFilter for EkfOnlineTl {
         let model = LineModel { aids: self.further.aids(flown, &measured)?, ..LineModel::of(&line) };
         let mut out = run(&model, &magnetometers, fluxgate.as_ref(), &parameters).map_err(data)?;
         let mut states = if self.save_state { state_arrays(&mut out.navigation)? } else { vec![] };
-        states.extend(self.further.arrays(out.aids, out.slope_nt_per_m));
+        states.extend(self.further.arrays(out.aids, Default::default(), out.slope_nt_per_m));
         let mut track = Track::of(flown, out.navigation, self.gate_nis)?;
         if self.further.is_any() {
             track.update = updates(&out.usage);

@@ -14,12 +14,16 @@ use numerics::{
         line::NavigationLine,
         output::{NavigationOutput, NavigationReport},
         pinson::STATES,
+        position_fixes::PositionFixes,
         transition::NoiseDiscretisation,
     },
 };
 use schemas::{Column, Fault, Kind, KindDoc, Own, ParamDoc, Reader, Shape, choice, collect_doc};
 
-use super::Calibration;
+use super::{
+    Calibration,
+    aiding::{Aiding, Gnss},
+};
 use crate::columns::list;
 
 /// A flight line as every filter is handed it.
@@ -58,6 +62,8 @@ pub struct Flown<'a> {
     pub sample_sigma_nt: Option<Vec<f64>>,
     /// One sigma of what the map errs by at each sample, as white noise, in nT.
     pub map_sigma_nt: Option<Vec<f64>>,
+    /// Positions by GNSS, tested, for a filter that takes them ([`NavigationFilter::aiding`]).
+    pub gnss: Option<Gnss>,
 }
 
 /// A magnetometer of a line.
@@ -126,6 +132,11 @@ impl Flown<'_> {
     /// What the map adds.
     pub(super) fn map_sigma_at(&self, row: usize) -> f64 {
         self.map_sigma_nt.as_ref().map_or(0.0, |sigma_nt| sigma_nt[row])
+    }
+
+    /// The positions by GNSS that passed their test.
+    pub fn fixes(&self) -> Option<&PositionFixes> {
+        self.gnss.as_ref().map(|gnss| &gnss.accepted)
     }
 
     /// The map.
@@ -284,6 +295,11 @@ pub trait NavigationFilter: Any + Send + Sync {
     /// When the flight lacks one, or has it in another unit.
     fn reads(&self, _flight: &Flight) -> Result<Vec<String>, Vec<Fault>> {
         Ok(vec![])
+    }
+
+    /// Its keys of the positions that aid it, where it takes any: [`Flown::fixes`].
+    fn aiding(&self) -> Option<&Aiding> {
+        None
     }
 
     /// How much work a sample is, in any unit of its own: see `Stage::effort` of the crate `schemas`.

@@ -83,6 +83,10 @@ impl NavigationFilter for FixedLag {
         aircraft_columns(flight).into_iter().chain(self.further.columns()).collect()
     }
 
+    fn aiding(&self) -> Option<&Aiding> {
+        Some(&self.aiding)
+    }
+
     fn idle(&self, key: &str) -> Option<Fault> {
         match key {
             "loss_scale" if self.loss == Loss::None => {
@@ -98,8 +102,7 @@ impl NavigationFilter for FixedLag {
 
     fn navigate(&self, flown: &Flown) -> Result<Track, Fault> {
         one_with_models(flown)?;
-        let fixes = self.aiding.fixes(flown)?;
-        let line = NavigationLine { fixes: fixes.as_ref(), ..flown.line_with(self.discretisation)? };
+        let line = NavigationLine { fixes: flown.fixes(), ..flown.line_with(self.discretisation)? };
         let terms = self.aircraft.terms(flown)?;
         let prior = self.aircraft.prior(&terms.names, step_s(flown), flown.models)?;
         let walk_density: Vec<f64> =
@@ -152,7 +155,7 @@ impl FixedLag {
         track.update = update;
         let of = |mag: usize| output.aircraft_nt.iter().skip(mag).step_by(magnetometers).copied().collect();
         track.more = (0..magnetometers).map(|mag| array(of(mag))).collect();
-        track.more.extend(self.further.arrays(output.aids, output.slope_nt_per_m));
+        track.more.extend(self.further.arrays(output.aids, Default::default(), output.slope_nt_per_m));
         Ok(track)
     }
 }

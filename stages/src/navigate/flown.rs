@@ -5,7 +5,7 @@ use std::sync::Arc;
 use arrow_array::RecordBatch;
 use numerics::{
     earth::core_field::CoreField,
-    navigation::{field::PredictedField, ins_error::InsErrorModel},
+    navigation::{field::PredictedField, ins_error::InsErrorModel, line::NavigationLine},
 };
 use schemas::{Arrays, Fault, LinePoint, OrAuto};
 
@@ -75,9 +75,9 @@ pub(super) fn run(points: &[LinePoint<Navigate>]) -> Vec<Arrays> {
         for (filter, of) in filters {
             let together: Vec<filter::Point> = of.iter().map(|i| (&*works[*i].1.filter.keys, &works[*i].2)).collect();
             for (i, track) in of.iter().zip((filter.navigate_points)(&together)) {
-                let (place, stage, _, prepared) = &works[*i];
+                let (place, stage, flown, prepared) = &works[*i];
                 let height = prepared.map.as_ref().map_or(f64::NAN, |map| map.errors.of_height_nt(ins.alt_m()));
-                answers[*place] = Some(track.and_then(|track| stage.arrays(track, ins.len(), height)));
+                answers[*place] = Some(track.and_then(|track| stage.arrays(track, flown, height)));
             }
         }
     }
@@ -127,15 +127,19 @@ fn flown<'a>(
         field_nt,
         cosines,
         sample_sigma_nt: stage.sample_sigma_nt(batch)?,
-        map_sigma_nt: prepared
-            .map
-            .as_ref()
-            .zip(stage.map_error_length_m)
-            .and_then(|(map, length_m)| map.errors.own_nt(&ins.series(), ins.step_m(), length_m)),
+        map_sigma_nt: None,
+        gnss: None,
     };
+    flown.gnss = stage.filter.keys.aiding().map(|aiding| aiding.gnss(&flown)).transpose()?.flatten();
     // A filter that takes each by itself takes each one's offset off, too.
     let each = stage.filter.keys.each_magnetometer().then(|| flown.magnetometers.clone());
     flown.combine()?;
+    if let Some((map, length_m)) = prepared.map.as_ref().zip(stage.map_error_length_m) {
+        flown.map_sigma_nt =
+            map.errors.own_nt(&NavigationLine { fixes: flown.fixes(), ..flown.line()? }, ins.step_m(), length_m)?;
+        let of_map = flown.map_sigma_nt.iter().flatten();
+        flown.sigma_nt.iter_mut().zip(of_map).for_each(|(sigma, of_map)| *sigma = sigma.hypot(*of_map));
+    }
     if let Some(each) = each {
         (flown.magnetometers, flown.offset_window_s) = (each, stage.offset_window_s);
     }
@@ -161,7 +165,7 @@ impl Flown<'_> {
             self.offset_window_s = 0.0;
         }
         let rows = self.ins.len();
-        self.sigma_nt = (0..rows).map(|row| self.own_sigma_nt(row).hypot(self.map_sigma_at(row))).collect();
+        self.sigma_nt = (0..rows).map(|row| self.own_sigma_nt(row)).collect();
         if magnetometers.len() == 1 {
             self.measured_nt = magnetometers.remove(0).measured_nt;
             return Ok(());
@@ -175,7 +179,7 @@ impl Flown<'_> {
             }
             if count > 0.0 {
                 self.measured_nt[row] = sum_nt / count;
-                self.sigma_nt[row] = (self.own_sigma_nt(row) / f64::sqrt(count)).hypot(self.map_sigma_at(row));
+                self.sigma_nt[row] = self.own_sigma_nt(row) / f64::sqrt(count);
             }
         }
         Ok(())

@@ -13,7 +13,7 @@ use numerics::{
     },
     signal::gauss_markov::GaussMarkov,
 };
-use schemas::{Column, Fault, Rule, params};
+use schemas::{Column, Fault, Role, Rule, params};
 
 use super::filter::{Flight, Flown, Track, Update, enough, state_arrays};
 use crate::columns::{array, data, faults_of, floats};
@@ -61,6 +61,10 @@ params! {
     map_sigma_nt: Option<f64>, unit "nT", absent "the map's error is no state", rule Rule::NotNegative;
     /// The distance over which the correlation of that error falls to 1/e.
     map_sigma_length_m: f64, unit "m", default 500.0, rule Rule::Positive;
+    /// One sigma of the delay of the magnetometer's time stamps before the line: the delay is then a state of the filter,
+    /// constant along the line. A sample that is stamped `t` was measured at `t` less the delay, which may be negative. Appends
+    /// `mag_latency` and `mag_latency_sigma`. Of `ekf`, `iekf` and `ukf`.
+    mag_latency_sigma_s: Option<f64>, unit "s", absent "time stamps are exact", rule Rule::Positive;
     /// Where one sigma of a measurement is more than so many metres of the map's horizontal slope, the sample tells no
     /// position: it is `flat`, and corrects the temporal variation and the map's error alone. Appends `map_slope`.
     flat_over_m: Option<f64>, unit "m", absent "no sample is too flat", rule Rule::Positive;
@@ -72,8 +76,8 @@ pub(crate) const MAP_SLOPE: &str = "map_slope";
 impl Further {
     /// Whether there is any.
     pub(super) fn is_any(&self) -> bool {
-        let Self { gradient, vector_sigma_nt, height, map_sigma_nt, flat_over_m, .. } = self;
-        let numbers = [vector_sigma_nt, map_sigma_nt, flat_over_m];
+        let Self { gradient, vector_sigma_nt, height, map_sigma_nt, mag_latency_sigma_s, flat_over_m, .. } = self;
+        let numbers = [vector_sigma_nt, map_sigma_nt, mag_latency_sigma_s, flat_over_m];
         gradient.is_some() || height.is_some() || numbers.iter().any(|number| number.is_some())
     }
 
@@ -123,7 +127,13 @@ impl Further {
             }
         }
         if let Some(height) = &self.height {
-            faults.extend(faults_of([flight.shape.number(height, "m")], "height"));
+            let found = flight.shape.number(height, "m");
+            if found.is_ok() && flight.shape.get(height).is_some_and(|column| column.role == Role::Truth) {
+                let what = format!("`{height}` is a truth column, and no height that an aircraft measures");
+                faults
+                    .push(Fault::new(what).of_param("height").help("name a barometer's or a radar's, such as `baro`"));
+            }
+            faults.extend(faults_of([found], "height"));
             reads.push(height.clone());
         }
         if faults.is_empty() { Ok(reads) } else { Err(faults) }
@@ -164,6 +174,10 @@ impl Further {
             columns.push(Column::float("height_residual", "m", "innovation of the height"));
             columns.push(Column::float("height_nis", "1", "the same squared over its variance"));
         }
+        if self.mag_latency_sigma_s.is_some() {
+            columns.push(Column::float("mag_latency", "s", "estimated delay of the magnetometer's time stamps"));
+            columns.push(Column::float("mag_latency_sigma", "s", "one sigma of the same"));
+        }
         if self.flat_over_m.is_some() {
             let what = "horizontal slope of the predicted field at the estimate; NaN off the map";
             columns.push(Column::float(MAP_SLOPE, "nT/m", what));
@@ -171,15 +185,24 @@ impl Further {
         columns
     }
 
-    /// Why it needs the scalar field, in a filter that finds what only that tells.
+    /// Why it needs the scalar field, in a filter that finds what only that tells, and takes its time stamps as exact.
     pub(super) fn needs_scalar(&self, what_for: &str) -> Result<Vec<String>, Vec<Fault>> {
         if self.use_scalar {
-            return Ok(vec![]);
+            return self.no_latency();
         }
         Err(vec![
             Fault::new(format!("without the scalar field there is nothing to find {what_for} by"))
                 .of_param("use_scalar"),
         ])
+    }
+
+    /// Rejects a delay of the magnetometer in a filter that does not estimate it.
+    pub(super) fn no_latency(&self) -> Result<Vec<String>, Vec<Fault>> {
+        let fault = |_| {
+            let what = "`mag_latency_sigma_s` is a state of `ekf`, `iekf` and `ukf` alone";
+            vec![Fault::new(what).of_param("mag_latency_sigma_s").help("choose one of these filters to find the delay")]
+        };
+        self.mag_latency_sigma_s.map_or(Ok(vec![]), |sigma_s| Err(fault(sigma_s)))
     }
 
     /// What is computed of the columns.
@@ -215,7 +238,8 @@ impl Further {
             bias: lasting(self.height_bias_sigma_m, self.height_bias_tau_s),
         });
         let map_error = self.map_sigma_nt.map(|sigma_nt| MapError { sigma_nt, length_m: self.map_sigma_length_m });
-        Ok(Aids { difference, vector, height, map_error, flat_over_m: self.flat_over_m })
+        let (latency_sigma_s, flat_over_m) = (self.mag_latency_sigma_s, self.flat_over_m);
+        Ok(Aids { difference, vector, height, map_error, latency_sigma_s, flat_over_m })
     }
 
     /// Filters a line with these measurements.
@@ -242,12 +266,20 @@ impl Further {
     }
 
     /// The arrays of [`Further::columns`].
-    pub(super) fn arrays(&self, innovations: AidInnovations, slope_nt_per_m: Vec<f64>) -> Vec<ArrayRef> {
+    pub(super) fn arrays(
+        &self,
+        innovations: AidInnovations,
+        latency_s: [Vec<f64>; 2],
+        slope_nt_per_m: Vec<f64>,
+    ) -> Vec<ArrayRef> {
         let mut more = vec![];
         let AidInnovations { difference, vector, height } = innovations;
         let there = [self.gradient.is_some(), self.vector_sigma_nt.is_some(), self.height.is_some()];
         for (of, _) in [difference, vector, height].into_iter().zip(there).filter(|(_, there)| *there) {
             more.extend([array(of.residual), array(of.nis)]);
+        }
+        if self.mag_latency_sigma_s.is_some() {
+            more.extend(latency_s.map(array));
         }
         if self.flat_over_m.is_some() {
             more.push(array(slope_nt_per_m));
@@ -266,7 +298,8 @@ impl Further {
         if states {
             more.extend(state_arrays(&mut out.navigation)?);
         }
-        more.extend(self.arrays(std::mem::take(&mut out.aids), std::mem::take(&mut out.slope_nt_per_m)));
+        let latency_s = std::mem::take(&mut out.latency_s);
+        more.extend(self.arrays(std::mem::take(&mut out.aids), latency_s, std::mem::take(&mut out.slope_nt_per_m)));
         Ok(Track { update: updates(&out.usage), more, ..Track::without_updates(out.navigation) })
     }
 }

@@ -53,6 +53,10 @@ impl NavigationFilter for Iekf {
         self.further.takes_direction()
     }
 
+    fn aiding(&self) -> Option<&Aiding> {
+        Some(&self.aiding)
+    }
+
     fn idle(&self, key: &str) -> Option<Fault> {
         let idle = key == "tolerance_m" && self.iterations == 1;
         idle.then(|| Fault::new("`tolerance_m` has no say with `iterations = 1`").of_param("tolerance_m"))
@@ -61,8 +65,7 @@ impl NavigationFilter for Iekf {
     }
 
     fn navigate(&self, flown: &Flown) -> Result<Track, Fault> {
-        let fixes = self.aiding.fixes(flown)?;
-        let line = NavigationLine { fixes: fixes.as_ref(), ..flown.line_with(self.discretisation)? };
+        let line = NavigationLine { fixes: flown.fixes(), ..flown.line_with(self.discretisation)? };
         if self.further.is_any() {
             let (iterations, tolerance_m) = (self.iterations, self.tolerance_m);
             let parameters = AidedParameters {

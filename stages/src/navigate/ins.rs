@@ -62,11 +62,6 @@ impl<'a> Ins<'a> {
         InsSeries::of([self.tt_s, lat, lon, alt, vn, ve, vd, force_n, force_e, force_d, roll, pitch, yaw])
     }
 
-    /// The number of samples.
-    pub(super) fn len(&self) -> usize {
-        self.tt_s.len()
-    }
-
     /// The heights above the ellipsoid, in metres.
     pub(super) fn alt_m(&self) -> &[f64] {
         self.position[2]

@@ -32,13 +32,16 @@ impl NavigationFilter for InsOnly {
         true
     }
 
+    fn aiding(&self) -> Option<&Aiding> {
+        Some(&self.aiding)
+    }
+
     fn idle(&self, key: &str) -> Option<Fault> {
         self.aiding.idle(key)
     }
 
     fn navigate(&self, flown: &Flown) -> Result<Track, Fault> {
-        let fixes = self.aiding.fixes(flown)?;
-        let out: NavigationOutput = ins_only::run(&flown.ins, &flown.errors, fixes.as_ref()).map_err(data)?;
+        let out: NavigationOutput = ins_only::run(&flown.ins, &flown.errors, flown.fixes()).map_err(data)?;
         let update = vec![Update::Unused; flown.ins.len()];
         Ok(Track { update, ..Track::without_updates(out) })
     }

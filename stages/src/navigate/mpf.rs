@@ -80,7 +80,7 @@ impl NavigationFilter for Mpf {
             Fault::new(what).of_param("flat_over_m").help("say what the map errs by, `map_sigma_nt`")
         });
         let flat = flat.map_or(Ok(vec![]), |fault| Err(vec![fault]));
-        both(both(self.aiding.reads(flight), self.further.reads(flight)), flat)
+        both(both(self.aiding.reads(flight), both(self.further.reads(flight), self.further.no_latency())), flat)
     }
 
     fn takes_field(&self) -> bool {
@@ -89,6 +89,10 @@ impl NavigationFilter for Mpf {
 
     fn takes_direction(&self) -> bool {
         self.further.takes_direction()
+    }
+
+    fn aiding(&self) -> Option<&Aiding> {
+        Some(&self.aiding)
     }
 
     fn idle(&self, key: &str) -> Option<Fault> {
@@ -111,8 +115,7 @@ impl NavigationFilter for Mpf {
             keep_states: false,
             keep_covariance: false,
         };
-        let fixes = self.aiding.fixes(flown)?;
-        let line = NavigationLine { fixes: fixes.as_ref(), ..flown.line()? };
+        let line = NavigationLine { fixes: flown.fixes(), ..flown.line()? };
         let measured = self.further.measured(flown)?;
         let out = run(&parameters, &line, &self.further.aids(flown, &measured)?).map_err(data)?;
         let MpfOutput { track, effective, usage, aids, modes, report } = out;
@@ -129,7 +132,7 @@ impl NavigationFilter for Mpf {
             let numbers = modes.iter().flat_map(|at| columns_of(&at.modes)).collect();
             more.push(list(numbers, MODES * MODE_NAMES.len())?);
         }
-        more.extend(self.further.arrays(aids, vec![]));
+        more.extend(self.further.arrays(aids, Default::default(), vec![]));
         Ok(Track { update: updates(&usage), more, ..Track::without_updates(track) })
     }
 }

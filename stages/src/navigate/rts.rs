@@ -50,7 +50,7 @@ filter! {
 
 impl NavigationFilter for Rts {
     fn reads(&self, flight: &Flight) -> Result<Vec<String>, Vec<Fault>> {
-        both(self.aiding.reads(flight), self.further.reads(flight))
+        both(self.aiding.reads(flight), both(self.further.reads(flight), self.further.no_latency()))
     }
 
     fn takes_field(&self) -> bool {
@@ -73,6 +73,10 @@ impl NavigationFilter for Rts {
         columns
     }
 
+    fn aiding(&self) -> Option<&Aiding> {
+        Some(&self.aiding)
+    }
+
     fn idle(&self, key: &str) -> Option<Fault> {
         let what = match key {
             "loss_scale" if self.loss == Loss::None => "`loss_scale` has no say with `loss = \"none\"`",
@@ -83,8 +87,7 @@ impl NavigationFilter for Rts {
     }
 
     fn navigate(&self, flown: &Flown) -> Result<Track, Fault> {
-        let fixes = self.aiding.fixes(flown)?;
-        let line = NavigationLine { fixes: fixes.as_ref(), ..flown.line_with(self.discretisation)? };
+        let line = NavigationLine { fixes: flown.fixes(), ..flown.line_with(self.discretisation)? };
         let parameters = SmootherParameters {
             iterations: self.iterations,
             tolerance_m: self.tolerance_m,
@@ -99,7 +102,7 @@ impl NavigationFilter for Rts {
             self.further.enough(flown, &smoothed.line.report)?;
             let mut output = smoothed.line;
             let mut more = self.more(&smoothed.iterations, &mut output)?;
-            more.extend(self.further.arrays(smoothed.aids, smoothed.slope_nt_per_m));
+            more.extend(self.further.arrays(smoothed.aids, Default::default(), smoothed.slope_nt_per_m));
             return Ok(Track { more, update: updates(&smoothed.usage), ..Track::without_updates(output) });
         }
         let smoothed = rts::run(&line, &parameters).map_err(data)?;

@@ -129,6 +129,10 @@ impl NavigationFilter for Slam {
         self.aiding.reads(flight)
     }
 
+    fn aiding(&self) -> Option<&Aiding> {
+        Some(&self.aiding)
+    }
+
     fn idle(&self, key: &str) -> Option<Fault> {
         if let Some(fault) = self.aiding.idle(key) {
             return Some(fault);
@@ -156,13 +160,12 @@ impl NavigationFilter for Slam {
     }
 
     fn navigate(&self, flown: &Flown) -> Result<Track, Fault> {
-        let fixes = self.aiding.fixes(flown)?;
         let line = SlamLine {
             ins: &flown.ins,
             measurement_nt: &flown.measured_nt,
             sigma_nt: &flown.sigma_nt,
             core: flown.core.as_ref(),
-            fixes: fixes.as_ref(),
+            fixes: flown.fixes(),
             errors: InsErrorModel { noise: self.discretisation, ..flown.errors },
         };
         let output = run(&self.parameters(flown)?, &line).map_err(data)?;

@@ -63,13 +63,16 @@ impl NavigationFilter for Ukf {
         self.further.takes_direction()
     }
 
+    fn aiding(&self) -> Option<&Aiding> {
+        Some(&self.aiding)
+    }
+
     fn idle(&self, key: &str) -> Option<Fault> {
         self.aiding.idle(key).or_else(|| self.further.idle(key))
     }
 
     fn navigate(&self, flown: &Flown) -> Result<Track, Fault> {
-        let fixes = self.aiding.fixes(flown)?;
-        let line = NavigationLine { fixes: fixes.as_ref(), ..flown.line_with(self.discretisation)? };
+        let line = NavigationLine { fixes: flown.fixes(), ..flown.line_with(self.discretisation)? };
         let parameters = UkfParameters {
             alpha: self.alpha,
             beta: self.beta,

@@ -106,6 +106,17 @@ impl<'a> Line<'a> {
         updates.ok_or_else(|| Fault::data("the track does not say what became of its measurements").in_column("update"))
     }
 
+    /// A source of one column of text.
+    ///
+    /// # Errors
+    /// When the line lacks the source, or its column does not hold text.
+    pub fn texts(&self, source: Source) -> Result<&StringArray, Fault> {
+        let Place { table, columns } = self.place(source)?;
+        let name = columns.first().ok_or_else(|| self.without(source))?;
+        let texts = self.line.inputs[*table].column_by_name(name).and_then(|a| a.as_string_opt::<i32>());
+        texts.ok_or_else(|| Fault::data("the column does not hold text").in_column(name))
+    }
+
     fn place(&self, source: Source) -> Result<&Place, Fault> {
         self.places.get(source).ok_or_else(|| self.without(source))
     }

@@ -32,6 +32,7 @@ pub const SCORERS: &[&Scorer] = &[
     &track::SAMPLES_OFF_MAP,
     &track::SAMPLES_GATED,
     &track::SAMPLES_FLAT,
+    &track::GNSS_REJECTED,
     &map::MAP_HEIGHT_ERROR,
     &map::MAP_STD_ERROR,
     &map::MAP_BIAS_ERROR,

@@ -3,7 +3,7 @@
 use schemas::{Role, Shape};
 
 use super::Score;
-use crate::navigate::{MAP_HEIGHT_ERROR, MAP_SLOPE};
+use crate::navigate::{GNSS_UPDATE, MAP_HEIGHT_ERROR, MAP_SLOPE};
 
 /// A column, or several that belong together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -36,6 +36,8 @@ pub enum Source {
     Innovations,
     /// The slope of the map along a track.
     Slope,
+    /// The outcome for the positions by GNSS along a track.
+    Gnss,
     /// A column of this name.
     Column(&'static str),
 }
@@ -54,7 +56,7 @@ pub struct Place {
 
 impl Source {
     /// All but single columns, in the order in which they are read.
-    const ALL: [Source; 14] = [
+    const ALL: [Source; 15] = [
         Source::Signal,
         Source::Aircraft,
         Source::Truth,
@@ -69,6 +71,7 @@ impl Source {
         Source::Track,
         Source::Innovations,
         Source::Slope,
+        Source::Gnss,
     ];
 
     /// The first table that has all its columns.
@@ -94,6 +97,7 @@ impl Source {
             Source::Column(name) => of(&[name]),
             Source::Track => of(&["lat", "lon", "alt", "sd_n", "sd_e", "cov_ne", "nis", "update"]),
             Source::Slope => of(&[MAP_SLOPE]),
+            Source::Gnss => of(&[GNSS_UPDATE]),
             Source::Innovations => of(&["residual", "nis", "update"]),
         }
     }
@@ -113,6 +117,7 @@ impl Source {
             Source::Position => "true positions `lat` and `lon`".to_owned(),
             Source::Ins => "`ins_lat` and `ins_lon`".to_owned(),
             Source::Column(name) => format!("a table with `{name}`"),
+            Source::Gnss => "a track of `navigate` with `gnss_lost_s`".to_owned(),
             Source::Slope => "a track of `navigate` with `flat_over_m`".to_owned(),
             Source::Track | Source::Innovations => "a track of `navigate`".to_owned(),
         }

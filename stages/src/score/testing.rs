@@ -42,7 +42,8 @@ pub fn seconds(n: u32, f: impl Fn(f64) -> f64) -> Vec<f64> {
     (0..n).map(|k| f(f64::from(k))).collect()
 }
 
-/// A track of these positions: ten metres of sigma in each direction, and updates that repeat every ten samples.
+/// A track of these positions: ten metres of sigma in each direction, and updates that repeat every ten samples; of five
+/// samples one has a position by GNSS, and one a rejected one.
 pub fn track(lat: Vec<f64>, lon: Vec<f64>) -> Columns {
     let all = |value: f64| vec![value; lat.len()];
     let rest = [("alt", 300.0), ("sd_n", 10.0), ("sd_e", 10.0), ("cov_ne", 0.0), ("nis", 0.5)];
@@ -69,6 +70,9 @@ fn batch(columns: &Columns) -> RecordBatch {
         let updates = ["used", "missing", "off_map", "gated", "used", "missing", "off_map", "gated", "used", "flat"];
         fields.push(Field::new("update", DataType::Utf8, true));
         arrays.push(Arc::new((0..rows).map(|k| Some(updates[k % updates.len()])).collect::<StringArray>()));
+        let gnss = |k: usize| Some(["used", "none", "none", "none", "rejected"][k % 5]);
+        fields.push(Field::new("gnss_update", DataType::Utf8, true));
+        arrays.push(Arc::new((0..rows).map(gnss).collect::<StringArray>()));
     }
     RecordBatch::try_new(Arc::new(Schema::new(fields)), arrays).unwrap()
 }

@@ -7,7 +7,7 @@ use numerics::regression::{
 };
 use schemas::{Fault, metric::Shown};
 
-use crate::navigate::Update;
+use crate::navigate::{GnssUpdate, Update};
 
 use super::{line::Line, metric::metric, source::Source};
 
@@ -136,6 +136,17 @@ metric! {
     /// samples where the map is too flat to tell a position (`flat_over_m` of `navigate`)
     SAMPLES_FLAT = "samples_flat", unit "1", pool Sum, better Neither, needs [Track, Slope];
     |line| count(line, Update::Flat)
+}
+
+metric! {
+    /// positions by GNSS that the test against the INS rejected, of those that there were
+    GNSS_REJECTED = "gnss_rejected", unit "1", pool Sum, better Neither, needs [Gnss];
+    |line| {
+        let updates = line.texts(Source::Gnss)?;
+        let of = |word: GnssUpdate| updates.iter().filter(|update| *update == Some(word.word())).count();
+        let rejected = of(GnssUpdate::Rejected);
+        Ok(Figure { value: rejected as f64, n: rejected + of(GnssUpdate::Used) })
+    }
 }
 
 /// The normalised square of the horizontal position error of each sample.
@@ -283,5 +294,7 @@ mod tests {
         let counted = counted.map(|m| value(&m, &tables));
         assert_eq!(counted.map(|f| f.value), [3.0, 2.0, 2.0, 2.0, 1.0]);
         assert!(counted.iter().all(|f| f.n == 10));
+        let rejected = value(&GNSS_REJECTED, &tables);
+        assert_eq!((rejected.value, rejected.n), (2.0, 4));
     }
 }

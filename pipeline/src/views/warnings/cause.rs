@@ -30,6 +30,8 @@ pub struct Settings {
     pub compensated: bool,
     /// The date that the spec gives the core field, and that of the flight.
     pub dates: Option<(f64, f64)>,
+    /// When the first position by GNSS was rejected, in seconds from the start of the line.
+    pub gnss_rejected_s: Option<f64>,
 }
 
 /// Everything known of one line's scores.
@@ -76,6 +78,10 @@ impl<'a> Facts<'a> {
             levels: param("map_levels_m").is_some_and(|v| v != "none"),
             compensated: graph.plan.upstream(&it.inputs(), "compensate").is_some(),
             dates: said.zip(flown),
+            gnss_rejected_s: match row.counted("gnss_rejected") {
+                Some((count, _)) if count > 0.0 => gnss_rejected_s(graph, store, Ref::Stage(t, i), line)?,
+                Some(_) | None => None,
+            },
         };
         Ok(Facts { row, settings: Some(settings) })
     }
@@ -83,6 +89,11 @@ impl<'a> Facts<'a> {
     /// The measurement sigma, nT.
     pub fn sigma_nt(&self) -> Option<f64> {
         self.settings.as_ref().and_then(|s| s.sigma_nt)
+    }
+
+    /// When the first position by GNSS was rejected, in seconds from the start of the line.
+    pub fn gnss_rejected_s(&self) -> Option<f64> {
+        self.settings.as_ref().and_then(|s| s.gnss_rejected_s)
     }
 
     fn diverged(&self) -> bool {
@@ -99,6 +110,12 @@ impl<'a> Facts<'a> {
         let found = match kind {
             Kind::WorseThanIns | Kind::NeesHigh | Kind::NisHigh => self.too_sure(settings, kind),
             Kind::NeesLow | Kind::NisLow => self.too_cautious(settings),
+            Kind::NotWhite => vec!["an error that lasts is taken as independent noise: of the map between sparse lines \
+                (`map_error_length_m`, `map_sigma_nt`), of the time stamps (`mag_latency_sigma_s`), or of what compensation left"
+                .to_owned()],
+            Kind::Gnss => vec!["the receiver is jammed, spoofed or faulty, or the INS is worse than its grade; \
+                `gnss_test = false` uses all positions"
+                .to_owned()],
             Kind::OffMap if self.diverged() => vec!["the filter diverged and left the map".to_owned()],
             Kind::OffMap => vec!["the map does not cover the line, or has unknown cells below it".to_owned()],
             Kind::Flat => vec!["the noise is more than `flat_over_m` of the map's slope there: what the line tells of a position is the INS".to_owned()],
@@ -219,6 +236,27 @@ fn flight_date(graph: &Graph, store: &Store, it: &Instance, line: LineId) -> Res
     let Some(flights) = it.first_input() else { return Ok(None) };
     let (year, doy) = (first(graph, store, flights, line, "year")?, first(graph, store, flights, line, "doy")?);
     Ok(year.zip(doy).and_then(|(year, doy)| decimal_year(year as i32, doy as u32, 0.0).ok()))
+}
+
+/// When a track's first position by GNSS was rejected, in seconds from the start of its line.
+fn gnss_rejected_s(graph: &Graph, store: &Store, track: Ref, line: LineId) -> Result<Option<f64>, Fault> {
+    let Ok(key) = graph.object(track, line) else { return Ok(None) };
+    if !store.has(key) {
+        return Ok(None);
+    }
+    let batch = store.get(key, &["gnss_update"])?;
+    let Some(updates) = batch.column_by_name("gnss_update").and_then(|a| a.as_string_opt::<i32>()) else {
+        return Ok(None);
+    };
+    let Some(row) = updates.iter().position(|update| update == Some("rejected")) else { return Ok(None) };
+    let origin = graph.origin(track, "tt");
+    let Ok(key) = graph.object(origin.made_by, line) else { return Ok(None) };
+    if !store.has(key) {
+        return Ok(None);
+    }
+    let batch = store.get(key, &["tt"])?;
+    let tt = batch.column_by_name("tt").and_then(|a| a.as_primitive_opt::<Float64Type>());
+    Ok(tt.filter(|tt| row < tt.len()).map(|tt| tt.value(row) - tt.value(0)))
 }
 
 /// The first value of a column of a line; `None` where there is none.

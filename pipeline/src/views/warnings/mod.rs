@@ -34,6 +34,10 @@ pub enum Kind {
     NisHigh,
     /// They are far smaller.
     NisLow,
+    /// The innovations repeat.
+    NotWhite,
+    /// The test of the positions by GNSS rejected some.
+    Gnss,
     /// Most of the line is off the map, where the filter only predicts.
     OffMap,
     /// Most of the line is over ground where the map is too flat to tell a position.
@@ -50,12 +54,14 @@ pub enum Kind {
 
 impl Kind {
     /// All of them.
-    pub const ALL: [Kind; 11] = [
+    pub const ALL: [Kind; 13] = [
         Kind::WorseThanIns,
         Kind::NeesHigh,
         Kind::NeesLow,
         Kind::NisHigh,
         Kind::NisLow,
+        Kind::NotWhite,
+        Kind::Gnss,
         Kind::OffMap,
         Kind::Flat,
         Kind::MapHeight,
@@ -72,6 +78,8 @@ impl Kind {
             Kind::NeesLow => "nees_low",
             Kind::NisHigh => "nis_high",
             Kind::NisLow => "nis_low",
+            Kind::NotWhite => "not_white",
+            Kind::Gnss => "gnss",
             Kind::OffMap => "off_map",
             Kind::Flat => "flat",
             Kind::MapHeight => "map_height",
@@ -85,8 +93,9 @@ impl Kind {
     /// error's, is not the best of a sweep whatever its other figures.
     pub fn spoils(self) -> bool {
         match self {
-            Kind::WorseThanIns | Kind::NeesHigh | Kind::NeesLow | Kind::NisHigh | Kind::NisLow => true,
-            Kind::OffMap | Kind::Flat | Kind::MapHeight | Kind::Retention | Kind::Fit | Kind::Map => false,
+            Kind::WorseThanIns | Kind::NeesHigh | Kind::NeesLow | Kind::NisHigh | Kind::NotWhite => true,
+            Kind::NisLow | Kind::Gnss | Kind::OffMap | Kind::Flat => false,
+            Kind::MapHeight | Kind::Retention | Kind::Fit | Kind::Map => false,
         }
     }
 
@@ -97,7 +106,9 @@ impl Kind {
             Kind::NeesHigh => "the position errors are far larger than the filter's covariance says",
             Kind::NeesLow => "the position errors are far smaller than the filter's covariance says",
             Kind::NisHigh => "the innovations are far larger than the filter predicts",
-            Kind::NisLow => "the innovations are far smaller than the filter predicts",
+            Kind::NisLow => "the filter is cautious: the innovations are far smaller than it predicts",
+            Kind::NotWhite => "the innovations repeat, so that the covariance holds too few errors",
+            Kind::Gnss => "positions by GNSS contradict the INS and are rejected",
             Kind::OffMap => "most samples are off the map",
             Kind::Flat => "the map is too flat to tell a position of most samples",
             Kind::MapHeight => "the map is at another height than the flight",
@@ -236,6 +247,17 @@ fn judge(facts: &Facts) -> Vec<Found> {
         };
         let text = format!("{}: {metric} {}, where {} is its law", kind.of_many(), shown(value), law.mean);
         add(kind, (value, limit, "1"), text);
+    }
+    if let Some(white) = row.get("whiteness").filter(|white| *white < limits::WHITENESS && row.get("drms") != Some(0.0))
+    {
+        let text = format!("{}: whiteness {}, where 0.95 is expected", Kind::NotWhite.of_many(), shown(white));
+        add(Kind::NotWhite, (white, limits::WHITENESS, "1"), text);
+    }
+    if let Some((count, fixes)) = row.counted("gnss_rejected").filter(|(count, _)| *count > 0.0) {
+        let first =
+            facts.gnss_rejected_s().map_or(String::new(), |at| format!(", the first {at:.0} s after the line's start"));
+        let text = format!("{count:.0} of {fixes} positions by GNSS contradict the INS and are rejected{first}");
+        add(Kind::Gnss, (count, 0.0, "1"), text);
     }
     if let Some(share) = row.off_map()
         && share > limits::OFF_MAP

@@ -41,6 +41,11 @@ impl Row {
         self.share("samples_flat")
     }
 
+    /// The value of a metric, and the number of samples it is of.
+    pub fn counted(&self, metric: &str) -> Option<(f64, i64)> {
+        self.0.get(metric).copied()
+    }
+
     fn share(&self, counted: &str) -> Option<f64> {
         self.0.get(counted).filter(|(_, n)| *n > 0).map(|(count, n)| count / *n as f64)
     }

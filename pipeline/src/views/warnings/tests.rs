@@ -46,6 +46,29 @@ fn unit_what_is_within_its_law_is_not_remarked() {
 }
 
 #[test]
+fn r30_innovations_that_repeat_are_marked_without_truth_and_a_low_nis_is_cautious() {
+    // The adaptive filter on a map of sparse lines, a magnetometer that is 0.6 s late, and a healthy filter.
+    for (nis, white, expected) in
+        [(1.64, 0.21, vec!["not_white"]), (1.09, 0.56, vec!["not_white"]), (1.0, 0.97, vec![]), (1.0, 0.8, vec![])]
+    {
+        let row = Row::from([("nis", nis), ("whiteness", white)]);
+        assert_eq!(kinds(&judge(&facts(&row, given(2.0)))), expected, "{nis} {white}");
+    }
+    let low = judge(&facts(&Row::from([("nis", 0.1)]), given(5.0))).remove(0);
+    assert!(low.text.starts_with("the filter is cautious") && !low.kind.spoils(), "{}", low.text);
+}
+
+#[test]
+fn r30_rejected_positions_are_said_with_their_time() {
+    let row = Row::from([("gnss_rejected", 893.0)]);
+    let settings = Settings { gnss_rejected_s: Some(603.0), ..given(2.0) };
+    let found = judge(&facts(&row, settings)).remove(0);
+    assert!(found.text.contains("893 of") && found.text.contains("the first 603 s after"), "{}", found.text);
+    assert!(found.cause.is_some_and(|cause| cause.contains("`gnss_test = false`")));
+    assert!(judge(&facts(&Row::from([("gnss_rejected", 0.0)]), given(2.0))).is_empty());
+}
+
+#[test]
 fn unit_geology_that_goes_with_the_aircraft_is_remarked_with_and_without_navigation() {
     for (kept, remarked) in [(1.02, false), (0.9, false), (0.89, true), (-0.3, true)] {
         let row = Row::from([("anomaly_retention", kept)]);
@@ -116,7 +139,7 @@ fn r10_a_map_at_another_height_is_a_warning_of_its_own() {
     assert_eq!(kinds(&judge(&facts(&row, given(5.0)))), ["map_height"]);
     assert!(judge(&facts(&row, given(20.0))).is_empty());
     assert_eq!(limits::map_height_nt(None), 5.0);
-    assert!(!Kind::MapHeight.spoils() && Kind::NisLow.spoils());
+    assert!(!Kind::MapHeight.spoils() && !Kind::NisLow.spoils() && Kind::NotWhite.spoils());
 }
 
 fn warning(kind: Kind, value: f64, limit: f64, line: &str) -> Warning {

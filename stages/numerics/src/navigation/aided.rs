@@ -65,6 +65,8 @@ pub struct AidedOutput {
     pub nonlinear_sd_nt: Vec<f64>,
     /// Of the further measurements.
     pub aids: AidInnovations,
+    /// The delay of the scalar magnetometer at each sample, and one sigma of it, in s; empty where it is no state.
+    pub latency_s: [Vec<f64>; 2],
 }
 
 impl AidedOutput {

@@ -6,13 +6,13 @@
 //! north-east-down, the baseline r from the second magnetometer to the first (body axes) and the core field's direction û
 //!
 //! ```text
-//! scalar       z = map(p) + core(p) + S + e + white noise
+//! scalar       z = map(p - v τ) + core(p - v τ) + S + e + white noise
 //! difference   d = f(p + a/2) − f(p − a/2) + b_d + white noise,         f = map + core,   a = C_true r
 //! vector       m = C_trueᵀ (core vector(p) + û (map(p) + S) + a_c) + b_v + white noise,   C_trueᵀ = Cᵀ (I + [ψ×])
 //! height       h = altitude of p + b_h + white noise
 //! ```
 //!
-//! with the map's error e that lasts for a length of the track, the biases b, and the part a_c of the crustal field's vector
+//! with the delay τ of the scalar magnetometer's time stamps at the velocity v, the map's error e that lasts for a length of the track, the biases b, and the part a_c of the crustal field's vector
 //! that a scalar map does not tell. f holds the core field where the scalar measurement does.
 //!
 //! Rows of H, predictions and variances of a sample are made in one place, for the state of any filter; filters differ in
@@ -112,6 +112,9 @@ pub struct Aids<'a> {
     pub height: Option<Height<'a>>,
     /// The map's error as a state.
     pub map_error: Option<MapError>,
+    /// The standard deviation of the delay of the scalar magnetometer before the line, in s, as a constant state: a sample
+    /// that is stamped `t` was measured at `t` less the delay.
+    pub latency_sigma_s: Option<f64>,
     /// The map is too flat where one sigma of the measurement is more than so many metres of its slope.
     pub flat_over_m: Option<f64>,
 }
@@ -173,9 +176,9 @@ impl Innovations {
 impl Aids<'_> {
     /// Whether there is any.
     pub fn is_any(&self) -> bool {
-        let Self { difference, vector, height, map_error, flat_over_m } = self;
+        let Self { difference, vector, height, map_error, latency_sigma_s, flat_over_m } = self;
         let measured = difference.is_some() || vector.is_some() || height.is_some();
-        measured || map_error.is_some() || flat_over_m.is_some()
+        measured || map_error.is_some() || latency_sigma_s.is_some() || flat_over_m.is_some()
     }
 
     /// Whether the map is too flat for a measurement of this variance: its horizontal slope, in nT/m.
@@ -224,6 +227,9 @@ impl Aids<'_> {
         if let Some(MapError { sigma_nt, length_m }) = &self.map_error {
             require("map_sigma_nt", *sigma_nt, Rule::NotNegative)?;
             require("map_sigma_length_m", *length_m, Rule::Positive)?;
+        }
+        if let Some(sigma_s) = self.latency_sigma_s {
+            require("mag_latency_sigma_s", sigma_s, Rule::Positive)?;
         }
         Ok(self.flat_over_m.map_or(Ok(()), |flat_m| require("flat_over_m", flat_m, Rule::Positive))?)
     }

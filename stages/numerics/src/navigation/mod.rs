@@ -5,6 +5,7 @@
 //! | [`ins_series`] | the output of an INS along a line, as columns |
 //! | [`ekf`] | the 18-state extended Kalman filter, over one line or several at once |
 //! | [`line`](mod@line) | a line with its map, as the filters take it, and its steps |
+//! | [`map_noise`] | the error of each node of a map, as noise along a line |
 //! | [`field`] | the field that a filter predicts: map and core field |
 //! | [`loss`] | losses that outliers do not dominate |
 //! | [`output`] | what a filter makes of a line |
@@ -22,6 +23,7 @@
 //! | [`mpf`] | the marginalised particle filter |
 //! | [`slam`] | navigation without a map, on the revisits of its own path |
 //! | [`track_map`] | the map of a track, by Gaussian-process regression of reduced rank |
+//! | [`fix_test`] | a test of these positions against the INS |
 //! | [`position_fixes`] | positions from elsewhere that aid a filter |
 //! | [`pinson`] | the states and the matrix F of the error model |
 //! | [`transition`] | Φ = exp(F Δt) and the process noise of a step |
@@ -125,6 +127,7 @@ pub mod crlb;
 pub mod ekf;
 mod estimate;
 pub mod field;
+pub mod fix_test;
 pub mod fixed_lag;
 #[cfg(test)]
 mod flights;
@@ -135,6 +138,7 @@ pub mod ins_only;
 pub mod ins_series;
 pub mod line;
 pub mod loss;
+pub mod map_noise;
 mod measurement;
 pub mod mechanisation;
 pub mod mpf;

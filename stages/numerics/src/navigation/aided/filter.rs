@@ -6,7 +6,7 @@ use crate::navigation::field::PredictedField;
 use crate::navigation::gaussian::{Gaussian, Layout, Sensitivity, add_scaled};
 use crate::navigation::line::NavigationLine;
 use crate::navigation::output::{Innovation, NavigationError, NavigationOutput};
-use crate::navigation::pinson::{ALT, LAT, LON, S, STATES, StateVector, TILT_N};
+use crate::navigation::pinson::{ALT, LAT, LON, S, STATES, StateVector, TILT_N, VD, VE, VN};
 use crate::navigation::scalar_problem::{ScalarProblem, Search};
 use crate::navigation::ukf::points::{Regression, Spread};
 
@@ -24,13 +24,15 @@ struct OfField {
     tilt: [f64; 3],
     /// A further state and its entry.
     further: (usize, f64),
+    /// The delay and its entry.
+    latency: (usize, f64),
 }
 
 impl OfField {
     /// What the measurement holds beside the field.
     fn own(&self, v: &[f64]) -> f64 {
         let tilt: f64 = self.tilt.iter().zip(&v[TILT_N..]).map(|(h, x)| h * x).sum();
-        self.temporal * v[S] + self.further.1 * v[self.further.0] + tilt
+        self.temporal * v[S] + self.further.1 * v[self.further.0] + self.latency.1 * v[self.latency.0] + tilt
     }
 
     /// The row of H of the 18 states.
@@ -42,8 +44,13 @@ impl OfField {
     }
 
     fn sensitivity<'a>(&self, row: &'a StateVector) -> Sensitivity<'a> {
-        Sensitivity { error: self.further, ..Sensitivity::of_ins(row) }
+        Sensitivity { error: self.further, common: self.latency, ..Sensitivity::of_ins(row) }
     }
+}
+
+/// The sum of two ways: latitude, longitude and height.
+fn moved(from: [f64; 3], by: [f64; 3]) -> [f64; 3] {
+    std::array::from_fn(|axis| from[axis] + by[axis])
 }
 
 /// What became of one measurement.
@@ -171,6 +178,10 @@ impl<'a> Filter<'a> {
         }
         let (x, p, dim) = (&self.now.x, &self.now.p, self.now.dim());
         let covariance = |row: usize, column: usize| p[row * dim + column];
+        if let Some(state) = self.states.latency {
+            self.output.latency_s[0].push(x[state]);
+            self.output.latency_s[1].push(covariance(state, state).sqrt());
+        }
         self.output.navigation.push(self.line.ins, row, |k| x[k], covariance, innovation, self.line.errors.earth);
         Ok(())
     }
@@ -202,7 +213,8 @@ impl<'a> Filter<'a> {
 
     /// The field at the predicted position of a row and its horizontal slope in nT/m, which is handed out.
     pub(crate) fn look(&mut self, row: usize) -> Option<(FieldValue, f64)> {
-        let centre = self.field.at_error(self.line.ins, row, self.position());
+        let at = moved(self.position(), self.delayed(row));
+        let centre = self.field.at_error(self.line.ins, row, at);
         let slope = centre.map_or(f64::NAN, |at| self.line.slope_nt_per_m(row, &at));
         self.output.slope_nt_per_m.push(slope);
         self.output.nonlinear_sd_nt.push(f64::NAN);
@@ -213,15 +225,41 @@ impl<'a> Filter<'a> {
         [LAT, LON, ALT].map(|state| self.now.x[state])
     }
 
+    /// The way of a second at the estimated velocity of a row: latitude, longitude (rad) and height (m).
+    fn per_second(&self, row: usize) -> [f64; 3] {
+        let (ins, x) = (self.line.ins, &self.now.x);
+        let (lat_rad, alt_m) = (ins.lat_deg[row].to_radians(), ins.alt_m[row]);
+        let (north_m, east_m) = self.line.errors.earth.north_east_m_per_rad(lat_rad, alt_m);
+        [(ins.vn_mps[row] + x[VN]) / north_m, (ins.ve_mps[row] + x[VE]) / east_m, -(ins.vd_mps[row] + x[VD])]
+    }
+
+    /// From the aircraft of a row to where it was when its scalar field was measured.
+    fn delayed(&self, row: usize) -> [f64; 3] {
+        let Some(state) = self.states.latency else { return [0.0; 3] };
+        let delay_s = self.now.x[state];
+        self.per_second(row).map(|way| -delay_s * way)
+    }
+
+    /// The delay, its entry of H for a field of this slope, and what the present estimate of it makes of that.
+    fn latency(&self, row: usize, at: &FieldValue) -> ((usize, f64), f64) {
+        let Some(state) = self.states.latency else { return ((S, 0.0), 0.0) };
+        let slope = [at.d_lat_nt_per_rad, at.d_lon_nt_per_rad, at.d_alt_nt_per_m];
+        let entry = -self.per_second(row).iter().zip(slope).map(|(way, slope)| way * slope).sum::<f64>();
+        ((state, entry), entry * self.now.x[state])
+    }
+
     fn scalar(&mut self, row: usize) -> Outcome {
         let centre = self.look(row);
         let Some((value_nt, variance_nt2)) = self.line.measured(row, self.output.navigation.report.offset_nt) else {
             return Outcome::Missing;
         };
         let Some((centre, slope)) = centre else { return Outcome::OffMap };
-        let of = OfField { value_nt, variance_nt2, temporal: 1.0, tilt: [0.0; 3], further: self.states.of_map() };
+        // The field is looked up where the estimated delay puts it, so that H x counts what it changes by from there.
+        let (latency, part_nt) = self.latency(row, &centre);
+        let (value_nt, further, delayed) = (value_nt + part_nt, self.states.of_map(), self.delayed(row));
+        let of = OfField { value_nt, variance_nt2, temporal: 1.0, tilt: [0.0; 3], further, latency };
         let (line, flat) = (self.line, self.aids.is_flat(variance_nt2, slope));
-        self.correct(of, row, centre, flat, |field, error| field.at_error(line.ins, row, error))
+        self.correct(of, row, centre, flat, |field, error| field.at_error(line.ins, row, moved(error, delayed)))
     }
 
     fn difference(&mut self, row: usize) -> Outcome {
@@ -241,7 +279,7 @@ impl<'a> Filter<'a> {
         }
         let Some((centre, tilt)) = of.field(&mut self.field, line, row, position) else { return Outcome::OffMap };
         let variance_nt2 = of.sigma_nt * of.sigma_nt;
-        let measured = OfField { value_nt, variance_nt2, temporal: 0.0, tilt, further: (bias, 1.0) };
+        let measured = OfField { value_nt, variance_nt2, temporal: 0.0, tilt, further: (bias, 1.0), latency: (S, 0.0) };
         let look_up = |field: &mut PredictedField<'a>, error| of.field(field, line, row, error).map(|(at, _)| at);
         self.correct(measured, row, centre, false, look_up)
     }
@@ -328,7 +366,9 @@ impl<'a> Filter<'a> {
         // Position, and the sum of the states that the measurement holds by themselves.
         let mut columns: [Vec<f64>; 4] = [LAT, LON, ALT, S].map(|state| self.now.p[state * dim..][..dim].to_vec());
         columns[3].iter_mut().for_each(|entry| *entry *= of.temporal);
-        add_scaled(&mut columns[3], of.further.1, &self.now.p[of.further.0 * dim..][..dim]);
+        for (state, entry) in [of.further, of.latency] {
+            add_scaled(&mut columns[3], entry, &self.now.p[state * dim..][..dim]);
+        }
         for (state, entry) in (TILT_N..).zip(of.tilt).filter(|(_, entry)| *entry != 0.0) {
             add_scaled(&mut columns[3], entry, &self.now.p[state * dim..][..dim]);
         }

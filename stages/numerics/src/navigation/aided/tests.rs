@@ -19,6 +19,7 @@ use crate::navigation::ukf;
 use crate::signal::gauss_markov::GaussMarkov;
 
 mod flights;
+mod latency;
 mod others;
 mod particles;
 
@@ -138,6 +139,7 @@ fn aids(read: &Read) -> Aids<'_> {
         }),
         height: Some(Height { alt_m: &read.alt_m, sigma_m: 2.0, bias: GaussMarkov { sigma: 5.0, tau_s: 600.0 } }),
         map_error: Some(MapError { sigma_nt: 4.0, length_m: 300.0 }),
+        latency_sigma_s: None,
         flat_over_m: None,
     }
 }

@@ -18,6 +18,8 @@ pub(crate) struct AidStates {
     pub(crate) difference: Option<usize>,
     pub(crate) height: Option<usize>,
     pub(crate) map_error: Option<usize>,
+    /// The delay of the scalar magnetometer, in s.
+    pub(crate) latency: Option<usize>,
     /// The first of the three biases of the vector, and of the three parts of the crustal field.
     pub(crate) vector: Option<(usize, usize)>,
 }
@@ -29,6 +31,8 @@ impl AidStates {
         states.difference = aids.difference.map(|of| states.add(of.bias));
         states.height = aids.height.map(|of| states.add(of.bias));
         states.map_error = aids.map_error.map(|of| states.add_along(of.sigma_nt, of.length_m));
+        let constant = |sigma| GaussMarkov { sigma, tau_s: f64::INFINITY };
+        states.latency = aids.latency_sigma_s.map(|sigma_s| states.add(constant(sigma_s)));
         states.vector = aids.vector.map(|of| {
             let biases = [(); 3].map(|()| states.add(of.bias));
             let crustal = [(); 3].map(|()| states.add_along(of.crustal_sigma_nt, of.crustal_length_m));

@@ -1,0 +1,265 @@
+//! A test of positions from elsewhere against the INS, which finds receivers that are jammed, spoofed or drift.
+//!
+//! A filter of INS and fixes alone, without the magnetic field, predicts each fix. A map that is wrong therefore rejects no
+//! position, and every filter of a line is given the same fixes. Two tests of the innovation ν with covariance S run side by
+//! side, each for the horizontal position and for the height:
+//!
+//! - the chi-square test of one fix, νᵀ S⁻¹ ν against [`SINGLE_NIS`]: a fix beyond it is rejected [Bar-Shalom, Li &
+//!   Kirubarajan 2001, section 5.4];
+//! - a two-sided cumulative sum of each whitened component z, g ← max(0, g ± z − [`ALLOWANCE`]), with an alarm at
+//!   [`ALARM`] [Page 1954; Basseville & Nikiforov 1993, section 2.2]. It finds what changes by less than the noise from fix to
+//!   fix: a drift of 1 m/s with fixes of 2 m each second after 9 s, one of 0.5 m/s after 15 s.
+//!
+//! At an alarm the fixes since the sum was last 0 are rejected too, and the test resumes from its state before them, as a
+//! receiver that keeps its last seconds does. While the alarm lasts, the INS alone predicts. [`RECOVERY`] fixes in a row that
+//! agree with it end the alarm.
+//!
+//! The test starts with the position, velocity and attitude known roughly ([`START_POSITION_M`] and so on), as the start of a
+//! line may be known less well than a filter assumes. It needs about half a minute of fixes before it finds a drift. An offset
+//! that is there from the first fix on cannot be found. Fixes with more noise than assumed widen both tests by the median of
+//! z² over the last [`SCALE_OVER`] fixes.
+
+use crate::navigation::estimate::{Estimate, StepModel};
+use crate::navigation::ins_error::InsErrorModel;
+use crate::navigation::ins_series::InsSeries;
+use crate::navigation::output::NavigationError;
+use crate::navigation::pinson::{ALT, LAT, LON, StateMatrix, TILT_D, TILT_N, VD, VN};
+use crate::navigation::position_fixes::{PositionFixes, StateFix};
+use crate::navigation::sensitivity::Sensitivity;
+
+/// The squared innovation over its variance, a component, beyond which one fix is rejected: 1e-6 of healthy pairs are.
+pub const SINGLE_NIS: f64 = 13.8;
+/// The part of each whitened innovation that the cumulative sum ignores, in standard deviations.
+pub const ALLOWANCE: f64 = 1.5;
+/// The cumulative sum that is an alarm, in standard deviations.
+pub const ALARM: f64 = 8.0;
+/// The largest innovation that enters the sum, in standard deviations: one wild fix is no alarm.
+const LARGEST: f64 = 5.0;
+/// The consecutive fixes that must agree with the INS before fixes are used again.
+pub const RECOVERY: usize = 10;
+/// The squared innovation over its variance, a component, of a fix that agrees: 0.1 % of healthy pairs do not.
+const AGREES_NIS: f64 = 6.9;
+/// The number of fixes that the noise is judged by.
+pub const SCALE_OVER: usize = 50;
+/// The median of a squared standard normal.
+const MEDIAN_SQUARE: f64 = 0.4549;
+/// The least standard deviation of each coordinate that the test starts with, in m.
+pub const START_POSITION_M: f64 = 10_000.0;
+/// That of each component of the velocity, in m/s.
+pub const START_VELOCITY_MPS: f64 = 2.0;
+/// That of the tilt, and of the heading, in degrees.
+pub const START_ATTITUDE_DEG: [f64; 2] = [0.05, 0.2];
+
+/// The outcome for the fixes of a line.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TestedFixes {
+    /// The fixes that passed; NaN in place of the others.
+    pub accepted: PositionFixes,
+    /// Whether a coordinate of the fix of each sample was rejected.
+    pub rejected: Vec<bool>,
+    /// The samples at which the cumulative sum raised an alarm.
+    pub alarms: Vec<usize>,
+}
+
+/// Tests the fixes of a line against its INS.
+///
+/// # Errors
+/// Fails as [`InsErrorModel::check`], [`InsSeries::check`] and [`PositionFixes::check`], and with
+/// [`NavigationError::Diverged`] when a state or variance is no longer finite.
+pub fn run(ins: &InsSeries<'_>, errors: &InsErrorModel, fixes: &PositionFixes) -> Result<TestedFixes, NavigationError> {
+    errors.check()?;
+    ins.check()?;
+    fixes.check(ins.len())?;
+    let mut monitor = Monitor::new(ins, errors, fixes);
+    for row in 0..ins.len() {
+        monitor.sample(row)?;
+    }
+    Ok(monitor.finish())
+}
+
+/// The horizontal position, and the height.
+const CHANNELS: [&[usize]; 2] = [&[0, 1], &[2]];
+
+/// The test of one channel.
+struct Channel {
+    /// Its coordinates.
+    coordinates: &'static [usize],
+    /// The sums of each coordinate, upward and downward.
+    sums: [[f64; 2]; 2],
+    /// The sample of the last fix before which all sums were 0, and the estimate before it.
+    calm: Option<(usize, Estimate)>,
+    /// The fixes in a row that agreed during an alarm; `None` without one.
+    alarm: Option<usize>,
+    /// The squares of the last whitened innovations.
+    squares: Vec<f64>,
+    /// Whether the fix of each sample is used.
+    uses: Vec<bool>,
+}
+
+struct Monitor<'a> {
+    ins: &'a InsSeries<'a>,
+    errors: &'a InsErrorModel,
+    model: StepModel,
+    fixes: &'a PositionFixes,
+    now: Estimate,
+    channels: [Channel; 2],
+    alarms: Vec<usize>,
+}
+
+impl Channel {
+    fn new(coordinates: &'static [usize], rows: usize) -> Self {
+        let (sums, squares) = ([[0.0; 2]; 2], Vec::with_capacity(2 * SCALE_OVER));
+        Self { coordinates, sums, calm: None, alarm: None, squares, uses: vec![true; rows] }
+    }
+
+    /// The variance that a unit of the assumed one is, by the last fixes; at least 1.
+    fn scale(&self) -> f64 {
+        let last = SCALE_OVER * self.coordinates.len();
+        let mut squares = self.squares[self.squares.len().saturating_sub(last)..].to_vec();
+        if squares.len() < last / 2 {
+            return 1.0;
+        }
+        let middle = squares.len() / 2;
+        let (_, median, _) = squares.select_nth_unstable_by(middle, f64::total_cmp);
+        (*median / MEDIAN_SQUARE).max(1.0)
+    }
+
+    /// Whether a fix of these whitened innovations is used, and whether it raises an alarm.
+    fn judge(&mut self, z: &[f64], row: usize, before: &Estimate) -> (bool, bool) {
+        let scale = self.scale();
+        let nis = z.iter().map(|z| z * z).sum::<f64>() / (scale * z.len() as f64);
+        if let Some(agreed) = &mut self.alarm {
+            *agreed = if nis < AGREES_NIS { *agreed + 1 } else { 0 };
+            if *agreed >= RECOVERY {
+                (self.alarm, self.sums, self.calm) = (None, [[0.0; 2]; 2], None);
+            }
+            return (false, false);
+        }
+        if self.calm.is_none() || self.sums.iter().flatten().all(|sum| *sum == 0.0) {
+            self.calm = Some((row, *before));
+        }
+        for (sums, z) in self.sums.iter_mut().zip(z) {
+            let z = (z / scale.sqrt()).clamp(-LARGEST, LARGEST);
+            *sums = [(sums[0] + z - ALLOWANCE).max(0.0), (sums[1] - z - ALLOWANCE).max(0.0)];
+        }
+        let alarm = self.sums.iter().flatten().any(|sum| *sum > ALARM);
+        let used = nis <= SINGLE_NIS;
+        if used {
+            self.squares.extend(z.iter().map(|z| z * z));
+        }
+        (used && !alarm, alarm)
+    }
+}
+
+impl<'a> Monitor<'a> {
+    fn new(ins: &'a InsSeries<'a>, errors: &'a InsErrorModel, fixes: &'a PositionFixes) -> Self {
+        let mut now = Estimate::start_of(errors, ins);
+        let (lat_rad, alt_m) = (ins.lat_deg[0].to_radians(), ins.alt_m[0]);
+        let (north_m, east_m) = errors.earth.north_east_m_per_rad(lat_rad, alt_m);
+        let mut at_least = |state: usize, sigma: f64| now.p[state][state] = now.p[state][state].max(sigma * sigma);
+        at_least(LAT, START_POSITION_M / north_m);
+        at_least(LON, START_POSITION_M / east_m);
+        at_least(ALT, START_POSITION_M);
+        (VN..=VD).for_each(|state| at_least(state, START_VELOCITY_MPS));
+        (TILT_N..=TILT_D).for_each(|state| at_least(state, START_ATTITUDE_DEG[0].to_radians()));
+        at_least(TILT_D, START_ATTITUDE_DEG[1].to_radians());
+        let channels = CHANNELS.map(|coordinates| Channel::new(coordinates, ins.len()));
+        Self { ins, errors, model: StepModel::of(errors), fixes, now, channels, alarms: vec![] }
+    }
+
+    fn step(&mut self, row: usize) {
+        if row > 0 {
+            self.now.propagate(&self.model, self.ins, row);
+        }
+    }
+
+    /// The step to a row, its tests, and the fixes that pass them.
+    fn sample(&mut self, row: usize) -> Result<(), NavigationError> {
+        self.step(row);
+        let fixes = self.fixes.at(self.ins, row, self.errors.earth);
+        for of in 0..self.channels.len() {
+            let before = self.now;
+            let channel = &mut self.channels[of];
+            let there: Vec<StateFix> = channel.coordinates.iter().filter_map(|k| fixes[*k]).collect();
+            if there.is_empty() {
+                continue;
+            }
+            let (used, alarm) = channel.judge(&whitened(&before, &there), row, &before);
+            channel.uses[row] = used;
+            if alarm {
+                self.resume(of, row);
+            } else if used {
+                there.into_iter().for_each(|fix| self.correct(fix));
+            }
+        }
+        self.now.check(row, self.ins.tt_s[row])
+    }
+
+    /// Rejects the fixes of a channel since its sums began to rise, and filters these samples again.
+    fn resume(&mut self, of: usize, row: usize) {
+        self.alarms.push(row);
+        let channel = &mut self.channels[of];
+        channel.alarm = Some(0);
+        let Some((first, before)) = channel.calm.take() else { return };
+        channel.uses[first..=row].fill(false);
+        // The state of another channel before these samples is no longer on the way to the present one.
+        for other in self.channels.iter_mut().filter(|other| other.calm.is_some_and(|(at, _)| at > first)) {
+            other.calm = None;
+        }
+        self.now = before;
+        for at in first..=row {
+            if at > first {
+                self.step(at);
+            }
+            let fixes = self.fixes.at(self.ins, at, self.errors.earth);
+            for channel in 0..self.channels.len() {
+                // Of the first sample the channels before this one are in the estimate already.
+                let done = at == first && channel < of;
+                let later = at == row && channel > of;
+                let Channel { coordinates, uses, .. } = &self.channels[channel];
+                if !done && !later && uses[at] {
+                    let there: Vec<StateFix> = coordinates.iter().filter_map(|k| fixes[*k]).collect();
+                    there.into_iter().for_each(|fix| self.correct(fix));
+                }
+            }
+        }
+    }
+
+    fn correct(&mut self, StateFix { state, error, variance }: StateFix) {
+        self.now.update(Sensitivity::of_state(state), error, variance);
+    }
+
+    fn finish(self) -> TestedFixes {
+        let mut accepted = self.fixes.clone();
+        let mut rejected = vec![false; self.ins.len()];
+        for (row, rejected) in rejected.iter_mut().enumerate() {
+            let values = [&mut accepted.lat_deg, &mut accepted.lon_deg, &mut accepted.alt_m];
+            for (coordinate, values) in values.into_iter().enumerate() {
+                let channel = self.channels.iter().find(|channel| channel.coordinates.contains(&coordinate));
+                if values[row].is_finite() && channel.is_some_and(|channel| !channel.uses[row]) {
+                    (values[row], *rejected) = (f64::NAN, true);
+                }
+            }
+        }
+        TestedFixes { accepted, rejected, alarms: self.alarms }
+    }
+}
+
+/// The innovations of fixes of an estimate, made independent and of variance 1, in their order.
+fn whitened(estimate: &Estimate, fixes: &[StateFix]) -> Vec<f64> {
+    let (x, p): (_, &StateMatrix) = (&estimate.x, &estimate.p);
+    let own = |fix: &StateFix| (fix.error - x[fix.state], p[fix.state][fix.state] + fix.variance);
+    match fixes {
+        [first, second] => {
+            let ((a, s_aa), (b, s_bb)) = (own(first), own(second));
+            let slope = p[first.state][second.state] / s_aa;
+            let rest = s_bb - slope * p[first.state][second.state];
+            vec![a / s_aa.sqrt(), (b - slope * a) / rest.sqrt()]
+        }
+        others => others.iter().map(|fix| own(fix).0 / own(fix).1.sqrt()).collect(),
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests;

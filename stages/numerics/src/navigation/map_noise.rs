@@ -1,0 +1,125 @@
+//! The error that a map gives for each of its nodes, as the noise of the measurements along a line.
+//!
+//! The error is that at the aircraft, which the INS does not know: between the lines of a survey it changes within some
+//! hundred metres, while an INS is kilometres off after an hour. It is looked up at the position that an extended Kalman
+//! filter of the scalar field predicts for each sample, with this noise in its own updates.
+
+use pulp::{Simd, WithSimd};
+
+use crate::maps::map_stack::FieldMap;
+use crate::navigation::estimate::{Estimate, Recursion};
+use crate::navigation::field::PredictedField;
+use crate::navigation::line::NavigationLine;
+use crate::navigation::output::{Innovation, NavigationError, NavigationOutput};
+use crate::navigation::sensitivity::Sensitivity;
+
+/// One sigma of the map's error at each sample of a line, in nT, times `factor`; NaN where the map has a value and no error,
+/// 0 off the map. `error_nt` holds one sigma of each node. The noise of the line's own measurements comes in addition.
+///
+/// # Errors
+/// Fails as [`NavigationLine::check`], and with [`NavigationError::Diverged`] when states or variances are no longer finite
+/// or a variance is negative.
+pub fn along(line: &NavigationLine<'_>, error_nt: &FieldMap, factor: f64) -> Result<Vec<f64>, NavigationError> {
+    line.check()?;
+    let mut field = line.predicted();
+    let (offset_nt, _) = field.offset(line.ins, line.measurement_nt, line.offset_window_s);
+    let output = NavigationOutput::with_capacity(line.ins.len(), false, false);
+    let sigma_nt = Vec::with_capacity(line.ins.len());
+    pulp::Arch::new().dispatch(Filter { line, error_nt, factor, field, offset_nt, sigma_nt, output })
+}
+
+struct Filter<'a> {
+    line: &'a NavigationLine<'a>,
+    error_nt: &'a FieldMap,
+    factor: f64,
+    field: PredictedField<'a>,
+    offset_nt: f64,
+    sigma_nt: Vec<f64>,
+    output: NavigationOutput,
+}
+
+impl WithSimd for Filter<'_> {
+    type Output = Result<Vec<f64>, NavigationError>;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(mut self, _: S) -> Self::Output {
+        let line = self.line;
+        self.along(line.ins, &line.errors, |row| line.fixes_at(row))?;
+        Ok(self.sigma_nt)
+    }
+}
+
+impl Filter<'_> {
+    /// One sigma of the map's error at an error of the INS of a row, in nT.
+    fn sigma_nt_at(&self, row: usize, [lat_rad, lon_rad, alt_m]: [f64; 3]) -> f64 {
+        let ins = self.line.ins;
+        let (lat_deg, lon_deg) = (ins.lat_deg[row] + lat_rad.to_degrees(), ins.lon_deg[row] + lon_rad.to_degrees());
+        let error = self.error_nt.at(lat_deg, lon_deg, ins.alt_m[row] + alt_m);
+        // A cubic surface may swing below 0 between nodes.
+        error.map_or(f64::NAN, |error| self.factor * error.value_nt.max(0.0))
+    }
+}
+
+impl Recursion for Filter<'_> {
+    fn output(&mut self) -> &mut NavigationOutput {
+        &mut self.output
+    }
+
+    #[inline(always)]
+    fn measure(&mut self, estimate: &mut Estimate, row: usize) -> Innovation {
+        let [lat, lon, alt, temporal_nt] = estimate.measured();
+        let Some(field) = self.field.at_error(self.line.ins, row, [lat, lon, alt]) else {
+            self.sigma_nt.push(0.0);
+            return Innovation::NONE;
+        };
+        let sigma_nt = self.sigma_nt_at(row, [lat, lon, alt]);
+        self.sigma_nt.push(sigma_nt);
+        let Some((value_nt, variance_nt2)) = self.line.measured(row, self.offset_nt).filter(|_| sigma_nt.is_finite())
+        else {
+            return Innovation::NONE;
+        };
+        let residual_nt = value_nt - (field.value_nt + temporal_nt);
+        let at = estimate.linearised(Sensitivity::of(&field));
+        estimate.correct(&at, residual_nt, variance_nt2 + sigma_nt * sigma_nt);
+        Innovation::NONE
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use crate::maps::map_surface::{GeographicGrid, Interpolation, MapSurface};
+    use crate::navigation::scenes::{LAT_DEG, LON_DEG, Scene, hills, m_per_deg, uneven};
+
+    /// A map of errors that depend on metres east of the middle of the scene.
+    fn errors(of_east: impl Fn(f64) -> f64) -> FieldMap {
+        let (north, east) = m_per_deg();
+        let axis = |middle: f64, m_per_deg: f64| -> Vec<f64> {
+            (-70..=70).map(|k| middle + 100.0 * f64::from(k) / m_per_deg).collect()
+        };
+        let (lat, lon) = (axis(LAT_DEG, north), axis(LON_DEG, east));
+        let nodes: Vec<f64> = lat.iter().flat_map(|_| lon.iter().map(|lon| of_east((lon - LON_DEG) * east))).collect();
+        FieldMap::Flat(MapSurface::new(&GeographicGrid::new(&lat, &lon, &nodes).unwrap(), Interpolation::Linear))
+    }
+
+    #[test]
+    fn law_the_error_is_that_at_the_aircraft_and_not_at_the_ins() {
+        let mut scene = Scene::new(&uneven(80), Interpolation::Cubic, hills);
+        // An INS that is known to 300 m and 60 m too far east; the error of the map rises by 0.01 nT a metre eastward.
+        scene.errors.sources.init_position_sigma_m = 300.0;
+        let (_, east) = m_per_deg();
+        let found = scene.with(|line| along(line, &errors(|east_m| 30.0 + 0.01 * east_m), 2.0)).unwrap();
+        let of = |row: usize, shift_m: f64| 2.0 * (30.0 + 0.01 * ((scene.columns[2][row] - LON_DEG) * east + shift_m));
+        assert!((found[0] - of(0, 0.0)).abs() < 1e-6, "nothing is known before the first measurement: {}", found[0]);
+        let off = |shift_m: f64| (40..80).map(|row| (found[row] - of(row, shift_m)).abs()).sum::<f64>() / 40.0;
+        assert!(off(-60.0) < 0.4 * off(0.0), "{} {}", off(-60.0), off(0.0));
+    }
+
+    #[test]
+    fn unit_an_unknown_error_is_no_error_of_zero() {
+        let scene = Scene::new(&uneven(10), Interpolation::Linear, hills);
+        let far = errors(|east_m| if east_m < 4000.0 { f64::NAN } else { 5.0 });
+        assert!(scene.with(|line| along(line, &far, 1.0)).unwrap().iter().all(|sigma| sigma.is_nan()));
+    }
+}

@@ -1,0 +1,113 @@
+//! The error of each node of a map counts in the noise of a filter: of a map that a stage made, and of a file's.
+
+use arrow_array::RecordBatch;
+
+use crate::support::{Bench, anomaly, batch, changed, map, numbers, read, stderr, with_keys, write};
+
+const FILES: &str = r#"
+name  = "known"
+store = "store"
+
+[tables.flights]
+path = "flights/"
+
+[tables.points]
+path = "points.parquet"
+
+[tables.file]
+path = "errors.parquet"
+
+[tables.plain]
+path = "map.parquet"
+"#;
+
+const GRIDDED: &str = r#"
+[[stages]]
+name           = "gridded"
+stage          = "map_grid"
+input          = "points"
+spacing_m      = 400.0
+level_m        = 300.0
+cross_validate = 4
+"#;
+
+/// The map of the flights with one sigma of the error of its nodes: 40 nT west of 10 degrees, 1 nT east of it.
+fn with_errors() -> RecordBatch {
+    let map = map();
+    let column = |name: &str| numbers(std::slice::from_ref(&map), name);
+    let error = column("lon").iter().map(|lon| if *lon < 10.0 { 40.0 } else { 1.0 }).collect();
+    let [lat, lon, alt, anomaly] = ["lat", "lon", "alt", "anomaly"].map(column);
+    batch(&[("lat", lat), ("lon", lon), ("alt", alt), ("anomaly", anomaly), ("error", error)])
+}
+
+/// Twenty-one lines northward over the map.
+fn survey() -> Vec<RecordBatch> {
+    let line = |k: usize| {
+        let lon = 9.92 + 0.008 * k as f64;
+        let lat: Vec<f64> = (0..120).map(|i| 44.92 + 0.0013 * f64::from(i)).collect();
+        let columns = batch(&[
+            ("tt", (0..120).map(|i| 1000.0 * k as f64 + f64::from(i)).collect()),
+            ("lon", vec![lon; 120]),
+            ("alt", vec![300.0; 120]),
+            ("anomaly", lat.iter().map(|lat| anomaly(*lat, lon)).collect()),
+            ("lat", lat),
+        ]);
+        with_keys("9", &format!("9.{k:02}"), &columns)
+    };
+    (0..21).map(line).collect()
+}
+
+fn bench() -> Bench {
+    let bench = Bench::new();
+    write(&bench.path("points.parquet"), &survey());
+    write(&bench.path("errors.parquet"), &[with_errors()]);
+    bench
+}
+
+fn navigate(name: &str, map: &str, keys: &str) -> String {
+    format!(
+        "[[stages]]\nname = \"{name}\"\nstage = \"navigate\"\ninput = \"flights\"\nmap = \"{map}\"\nmag = \"mag_1_c\"\n\
+         core_field = false\nmeasurement_sigma_nt = 2.0\ninit_position_sigma_m = 50.0\n{keys}\n"
+    )
+}
+
+#[test]
+fn r30_the_error_of_a_map_counts_whether_a_stage_or_a_file_gives_it() {
+    let bench = bench();
+    let key = "map_error_length_m = 500.0";
+    let stages = [
+        navigate("by_stage", "gridded", key),
+        navigate("by_stage_exact", "gridded", ""),
+        navigate("by_file", "file", key),
+        navigate("by_file_exact", "file", ""),
+    ];
+    bench.spec(&format!("{FILES}{GRIDDED}{}", stages.concat()));
+    let run = bench.run(&[]);
+    assert_eq!(run.code, 0, "{}", run.stderr);
+    let sd = |table: &str| {
+        let sd = numbers(&read(&bench.path(&format!("store/tables/known/{table}"))), "sd_n");
+        sd.iter().sum::<f64>() / sd.len() as f64
+    };
+    assert!(sd("by_stage") > 1.02 * sd("by_stage_exact"), "{} {}", sd("by_stage"), sd("by_stage_exact"));
+    assert!(sd("by_file") > 1.5 * sd("by_file_exact"), "{} {}", sd("by_file"), sd("by_file_exact"));
+}
+
+#[test]
+fn r30_a_map_without_the_error_of_its_nodes_is_rejected_before_the_run() {
+    let bench = bench();
+    for (map, more) in [("plain", ""), ("bare", GRIDDED)] {
+        let more = more.replace("gridded", "bare").replace("cross_validate = 4\n", "");
+        let spec = navigate("track", map, "map_error_length_m = 500.0");
+        bench.spec(&format!("{FILES}{more}{spec}"));
+        let output = bench.magline(&["check", "spec.toml"]);
+        assert_eq!(output.status.code(), Some(2), "{}", stderr(&output));
+        let said = stderr(&output);
+        assert!(said.contains("map_error_length_m") && said.contains("`error`"), "{said}");
+    }
+    // A column of this name that holds no standard deviations leaves a map that can be read, but not with the key.
+    write(&bench.path("errors.parquet"), &[changed(&with_errors(), "error", |_, error| -error)]);
+    bench.spec(&format!("{FILES}{}", navigate("track", "file", "map_error_length_m = 500.0")));
+    assert_ne!(bench.run(&[]).code, 0);
+    bench.spec(&format!("{FILES}{}", navigate("track", "file", "")));
+    assert_eq!(bench.run(&[]).code, 0);
+}
