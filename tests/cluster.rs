@@ -2,17 +2,25 @@
 
 use std::{
     collections::BTreeMap,
-    io::{Read, Write},
+    convert::Infallible,
+    future::{Ready, ready},
     net::TcpListener,
     process::{Child, Command, Output, Stdio},
+    sync::mpsc::channel,
+    task::{Context, Poll},
     thread::spawn,
     time::Duration,
 };
 
 use serde_json::Value;
+use tonic::{
+    body::Body,
+    codegen::{Service, http},
+    transport::{Server, server::TcpIncoming},
+};
 
 use crate::{
-    cluster_support::{Cluster, until},
+    cluster_support::{Cluster, KEY_FILE, until},
     support::{Bench, stderr, stdout},
     tasks::same,
 };
@@ -30,7 +38,7 @@ fn scene() -> (Bench, u64) {
 /// A run on the cluster that is under way.
 fn begun(bench: &Bench, cluster: &Cluster, more: &[&str]) -> Child {
     Command::new(MAGLINE)
-        .args(["run", "spec.toml", "--json", "--engine", &cluster.engine()])
+        .args(["run", "spec.toml", "--json", "--engine", &cluster.engine(), "--key-file", KEY_FILE])
         .args(more)
         .current_dir(bench.folder.path())
         .stdin(Stdio::null())
@@ -99,7 +107,7 @@ fn user_a_cluster_gives_the_bytes_of_a_local_run_and_each_unit_once() {
     assert_eq!(told.count() as u64, units);
     assert!(!bench.path("store/attempts").read_dir().unwrap().any(|_| true));
     // Another run finds everything; a store that nobody uses can be tended.
-    let again = bench.run(&["--engine", &cluster.engine()]);
+    let again = bench.run(&["--engine", &cluster.engine(), "--key-file", KEY_FILE]);
     assert_eq!((again.code, again.total("computed"), again.total("reused")), (0, 0, units));
     until("the processes of the workers have ended", || {
         let gc = bench.magline(&["gc", "--yes"]);
@@ -182,7 +190,7 @@ fn user_two_runs_at_once_share_a_cluster() {
     let first = begun(&bench, &cluster, &[]);
     let second = Command::new(MAGLINE)
         .args(other)
-        .args(["store=store", "--engine", &cluster.engine()])
+        .args(["store=store", "--engine", &cluster.engine(), "--key-file", KEY_FILE])
         .current_dir(bench.folder.path())
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
@@ -263,26 +271,43 @@ fn user_a_worker_with_another_store_leaves_in_words_and_the_others_do_the_work()
     assert!(left.is_none_or(|left| left.code() == Some(1) && said.contains("does not hold the plan")), "{said}");
 }
 
-/// Answers every question as a scheduler of another version would.
+/// Answers every question with the same text.
+#[derive(Clone)]
+struct Says(&'static str);
+
+impl Service<http::Request<Body>> for Says {
+    type Response = http::Response<Body>;
+    type Error = Infallible;
+    type Future = Ready<Result<Self::Response, Infallible>>;
+
+    fn poll_ready(&mut self, _: &mut Context<'_>) -> Poll<Result<(), Infallible>> {
+        Poll::Ready(Ok(()))
+    }
+
+    fn call(&mut self, _: http::Request<Body>) -> Self::Future {
+        ready(Ok(http::Response::new(Body::new(self.0.to_owned()))))
+    }
+}
+
+/// Answers every question as a scheduler of another version would, without a key.
 fn stranger(state: &'static str) -> String {
-    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
-    let at = listener.local_addr().unwrap().to_string();
+    let (tell, told) = channel();
     spawn(move || {
-        for stream in listener.incoming() {
-            let mut stream = stream.unwrap();
-            let _ = stream.read(&mut [0; 4096]);
-            let length = state.len();
-            let _ = write!(stream, "HTTP/1.1 200 OK\r\ncontent-length: {length}\r\nconnection: close\r\n\r\n{state}");
-        }
+        tokio::runtime::Runtime::new().unwrap().block_on(async {
+            let incoming = TcpIncoming::bind("127.0.0.1:0".parse().unwrap()).unwrap();
+            tell.send(incoming.local_addr().unwrap().to_string()).unwrap();
+            Server::builder().serve_with_incoming(Says(state), incoming).await
+        })
     });
-    at
+    told.recv().unwrap()
 }
 
 #[test]
 fn user_schedulers_that_are_none_or_of_another_version_are_refused_in_words() {
     let bench = Bench::new();
-    let run = |at: &str| bench.magline(&["run", "spec.toml", "--engine", &format!("ballista://{at}")]);
-    let worker = |at: &str| bench.magline(&["worker", "--scheduler", at, "--cores", "1"]);
+    let open = "--insecure-loopback";
+    let run = |at: &str| bench.magline(&["run", "spec.toml", "--engine", &format!("ballista://{at}"), open]);
+    let worker = |at: &str| bench.magline(&["worker", "--scheduler", at, "--cores", "1", open]);
     let free = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().to_string();
     let silent = run(&free);
     let said = stderr(&silent);
@@ -305,10 +330,10 @@ fn user_schedulers_that_are_none_or_of_another_version_are_refused_in_words() {
             assert!(output.status.code() == Some(2) && stderr(&output).contains(is), "{}", stderr(&output));
         }
     }
-    let far = bench.magline(&["worker", "--scheduler", "node-7.cluster:50050"]);
+    let far = bench.magline(&["worker", "--scheduler", "node-7.cluster:50050", open]);
     assert!(far.status.code() == Some(2) && stderr(&far).contains("--bind"), "{}", stderr(&far));
     let taken = TcpListener::bind("127.0.0.1:0").unwrap();
-    let output = bench.magline(&["scheduler", "--bind", &taken.local_addr().unwrap().to_string()]);
+    let output = bench.magline(&["scheduler", "--bind", &taken.local_addr().unwrap().to_string(), open]);
     assert!(output.status.code() == Some(1) && stderr(&output).contains("cannot listen on"), "{}", stderr(&output));
     assert!(!bench.path("store/tables").exists(), "nothing was run");
 }

@@ -3,6 +3,7 @@
 use std::{
     fs,
     io::{BufRead, BufReader, Read},
+    os::unix::fs::PermissionsExt,
     path::{Path, PathBuf},
     process::{Child, Command, Stdio},
     sync::{Mutex, MutexGuard, PoisonError},
@@ -12,6 +13,11 @@ use std::{
 
 /// The longest that anything is waited for: machines that build and test at once are slow.
 const LONGEST: Duration = Duration::from_secs(240);
+
+/// The file of a cluster's key, in its folder.
+pub const KEY_FILE: &str = "cluster.key";
+/// The key.
+pub const KEY: &str = "a-key-of-a-test-7d1e4b0c9a2f5863";
 
 static ONE: Mutex<()> = Mutex::new(());
 
@@ -27,6 +33,12 @@ pub struct Cluster {
     _one: MutexGuard<'static, ()>,
 }
 
+/// Writes a key that its owner alone can read.
+pub fn write_key(file: &Path, key: &str) {
+    fs::write(file, key).unwrap();
+    fs::set_permissions(file, fs::Permissions::from_mode(0o600)).unwrap();
+}
+
 /// Waits until something is so.
 pub fn until(what: &str, mut is: impl FnMut() -> bool) {
     let begun = Instant::now();
@@ -39,7 +51,7 @@ pub fn until(what: &str, mut is: impl FnMut() -> bool) {
 /// A scheduler of `program`, and where it listens.
 fn scheduler(program: &Path, folder: &Path, bind: &str) -> (Child, String) {
     let mut child = Command::new(program)
-        .args(["scheduler", "--bind", bind, "--worker-timeout", "6s"])
+        .args(["scheduler", "--bind", bind, "--worker-timeout", "6s", "--key-file", KEY_FILE])
         .current_dir(folder)
         .stdin(Stdio::null())
         .stdout(Stdio::null())
@@ -66,6 +78,7 @@ impl Cluster {
     pub fn new(program: &str, folder: &Path, workers: usize) -> Cluster {
         let one = ONE.lock().unwrap_or_else(PoisonError::into_inner);
         let program = PathBuf::from(program);
+        write_key(&folder.join(KEY_FILE), KEY);
         let (scheduler, at) = scheduler(&program, folder, "127.0.0.1:0");
         let folder = folder.to_owned();
         let mut cluster = Cluster { program, folder, at, scheduler, workers: vec![], _one: one };
@@ -85,10 +98,16 @@ impl Cluster {
 
     /// The same with variables of its environment.
     pub fn add_with(&mut self, store: &str, env: &[(String, String)]) {
+        self.add_at(store, env, 0);
+    }
+
+    /// The same at a port and the next one; at two that are free where it is 0.
+    pub fn add_at(&mut self, store: &str, env: &[(String, String)], port: u16) {
         let path = |ending: &str| self.folder.join(format!("worker{}.{ending}", self.workers.len()));
         let (receipts, said) = (path("jsonl"), path("log"));
         let child = Command::new(&self.program)
             .args(["worker", "--scheduler", &self.at, "--store", store, "--cores", "1", "--heartbeat", "1s"])
+            .args(["--key-file", KEY_FILE, "--port", &port.to_string()])
             .current_dir(&self.folder)
             .env("RUST_BACKTRACE", "0")
             .envs(env.iter().cloned())

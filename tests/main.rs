@@ -12,6 +12,8 @@ mod calibration;
 #[cfg(feature = "cluster")]
 mod cluster;
 #[cfg(feature = "cluster")]
+mod cluster_strangers;
+#[cfg(feature = "cluster")]
 mod cluster_support;
 mod cost;
 mod examples;
@@ -42,6 +44,8 @@ mod reuse;
 mod rivals;
 mod schedule;
 mod search;
+#[cfg(feature = "object-stores")]
+mod secrets;
 #[cfg(feature = "serve")]
 mod serve;
 mod store;

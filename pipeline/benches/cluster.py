@@ -28,11 +28,11 @@ class Cluster:
     def __init__(self, binary, folder, workers):
         self.pinned = PINNED if workers == 1 else []
         self.scheduler = subprocess.Popen(
-            [*self.pinned, binary, "scheduler", "--bind", "127.0.0.1:0"], cwd=folder, stderr=subprocess.PIPE, text=True
+            [*self.pinned, binary, "scheduler", "--insecure-loopback", "--bind", "127.0.0.1:0"], cwd=folder, stderr=subprocess.PIPE, text=True
         )
         line = self.scheduler.stderr.readline()
         self.at = line.split("listens on ")[1].strip()
-        worker = [*self.pinned, binary, "worker", "--scheduler", self.at, "--cores", "1", "--quiet"]
+        worker = [*self.pinned, binary, "worker", "--insecure-loopback", "--scheduler", self.at, "--cores", "1", "--quiet"]
         self.receipts = [open(Path(folder) / f"worker{i}.jsonl", "w+") for i in range(workers)]
         self.workers = [
             subprocess.Popen([*worker, "--store", "cluster"], cwd=folder, stdout=out, stderr=subprocess.DEVNULL)
@@ -66,7 +66,7 @@ def on_cluster(binary, folder, workers):
     cluster = Cluster(binary, folder, workers)
     time.sleep(3)
     begun = time.monotonic()
-    run = [*cluster.pinned, binary, "run", "growth.toml", "--json", "--set", "store=cluster", "--engine", f"ballista://{cluster.at}"]
+    run = [*cluster.pinned, binary, "run", "growth.toml", "--json", "--set", "store=cluster", "--engine", f"ballista://{cluster.at}", "--insecure-loopback"]
     done = subprocess.run(run, cwd=folder, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     clock = time.monotonic() - begun
     tasks = cluster.end()

@@ -11,9 +11,13 @@ pub mod bench;
 mod casting;
 mod cli;
 pub mod clock;
+#[cfg_attr(not(feature = "serve"), allow(dead_code))]
+mod confine;
 pub mod cost;
 pub mod keys;
 pub mod plan;
+#[cfg(feature = "ports")]
+mod ports;
 pub mod predicate;
 pub mod release;
 mod remote;

@@ -15,17 +15,36 @@ use log::LevelFilter;
 
 use super::{Stop, engine, note, task, tend::age, threads};
 use crate::{
-    run::ballista::{self, Ended, WorkerConfig},
+    run::ballista::{self, Ended, Trust, WorkerConfig},
     store::shown,
 };
 
 /// How long a worker that has lost its scheduler waits before it begins again.
 const AGAIN_AFTER: Duration = Duration::from_secs(1);
 
+/// How the members of a cluster know each other.
+#[derive(Args)]
+struct TrustArgs {
+    /// The file that holds the key of the cluster, which scheduler, workers and runs share: connections are encrypted, and
+    /// refused without it. By default the key is taken from the variable MAGLINE_CLUSTER_KEY.
+    #[arg(long, value_name = "FILE")]
+    key_file: Option<PathBuf>,
+    /// For tests: ask nobody for a key, and listen on the loopback alone. Every user of this machine can then have this
+    /// program compute.
+    #[arg(long, conflicts_with = "key_file")]
+    insecure_loopback: bool,
+}
+
+impl TrustArgs {
+    fn read(&self) -> Result<Trust, Stop> {
+        Ok(Trust::read(self.key_file.as_deref(), self.insecure_loopback)?)
+    }
+}
+
 /// The arguments of `scheduler`.
 #[derive(Args)]
 pub struct SchedulerArgs {
-    /// The address to listen on. Nobody is asked for a name or a password there: whoever reaches it can have this program compute.
+    /// The address to listen on.
     #[arg(long, value_name = "IP:PORT", default_value = "127.0.0.1:50050")]
     bind: SocketAddr,
     /// The name by which workers reach this scheduler; by default the address, or the host's name where it listens on all.
@@ -34,6 +53,8 @@ pub struct SchedulerArgs {
     /// How long a worker may be silent before what it had is given to others.
     #[arg(long, value_name = "TIME", default_value = "30s", value_parser = age)]
     worker_timeout: Duration,
+    #[command(flatten)]
+    trust: TrustArgs,
     /// No notes.
     #[arg(short, long)]
     quiet: bool,
@@ -66,6 +87,8 @@ pub struct WorkerArgs {
     /// The time between two reports to the scheduler.
     #[arg(long, value_name = "TIME", default_value = "5s", value_parser = age)]
     heartbeat: Duration,
+    #[command(flatten)]
+    trust: TrustArgs,
     /// What is wrong with units is in their receipts alone.
     #[arg(short, long)]
     quiet: bool,
@@ -75,7 +98,7 @@ pub struct WorkerArgs {
 pub const WORKER_HELP: &str = "\
 A receipt of each task is printed, as by `magline task`. A worker that loses its scheduler waits for it, and begins again. \
 Told to stop (SIGTERM, Ctrl-C) it finishes the units it is at. Exit status: 0 told to stop; 1 the scheduler cannot reach it, or a \
-port is not to be had; 2 the scheduler is another version. pipeline/CLUSTER.md says what happens when.";
+port is not to be had; 2 the scheduler is another version or has another key, or there is no key. pipeline/CLUSTER.md says what happens when.";
 
 /// What Ballista says: warnings, or what the variable RUST_LOG asks for.
 fn log() {
@@ -98,14 +121,14 @@ fn is_loopback(host: &str) -> bool {
 pub fn scheduler(args: &SchedulerArgs) -> Result<(), Stop> {
     super::QUIET.store(args.quiet, std::sync::atomic::Ordering::Relaxed);
     log();
-    let listening = ballista::listen(args.bind, args.advertise.as_deref(), args.worker_timeout)?;
+    let listening = ballista::listen(args.bind, args.advertise.as_deref(), args.worker_timeout, args.trust.read()?)?;
     let at = listening.advertised();
     note(&format!("the scheduler listens on {}", listening.address()));
     note(&format!(
         "workers: `magline worker --scheduler {at} --store STORE`; runs: `magline run SPEC --engine ballista://{at}`"
     ));
-    if !listening.address().ip().is_loopback() {
-        note("whoever reaches this address can have this program compute: keep it on a private network");
+    if args.trust.insecure_loopback {
+        note("nobody is asked for a key: every user of this machine can have this program compute");
     }
     Ok(listening.serve()?)
 }
@@ -117,6 +140,7 @@ pub fn scheduler(args: &SchedulerArgs) -> Result<(), Stop> {
 pub fn worker(args: &WorkerArgs) -> Result<(), Stop> {
     super::QUIET.store(args.quiet, std::sync::atomic::Ordering::Relaxed);
     log();
+    let trust = args.trust.read()?;
     let (host, port) = args.scheduler.clone();
     let at = engine::at(&host, port);
     if args.bind.is_loopback() && !is_loopback(&host) {
@@ -140,8 +164,9 @@ pub fn worker(args: &WorkerArgs) -> Result<(), Stop> {
         ports: args.port,
         advertise: args.advertise.clone(),
         heartbeat: args.heartbeat,
+        trust,
     };
-    ballista::await_scheduler(&at, |why| note(&format!("waiting for the scheduler at {at}: {why}")))?;
+    ballista::await_scheduler(&at, &config.trust, |why| note(&format!("waiting for the scheduler at {at}: {why}")))?;
     note(&format!("{} at work for the scheduler at {at}", super::counted(config.cores, "core")));
     match ballista::work(&config, Box::new(task::print))? {
         Ended::Told => Ok(()),

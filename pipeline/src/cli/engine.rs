@@ -29,6 +29,15 @@ pub struct EngineArgs {
     #[cfg(feature = "cluster")]
     #[arg(long, value_name = "TIME", default_value = "60s", value_parser = tend::age)]
     patience: Duration,
+    /// With a cluster: the file that holds its key, which its scheduler and workers have too. By default the key is taken from
+    /// the variable MAGLINE_CLUSTER_KEY.
+    #[cfg(feature = "cluster")]
+    #[arg(long, value_name = "FILE")]
+    key_file: Option<std::path::PathBuf>,
+    /// With a cluster, for tests: no key. The scheduler must be on the loopback.
+    #[cfg(feature = "cluster")]
+    #[arg(long, conflicts_with = "key_file")]
+    insecure_loopback: bool,
 }
 
 /// What computes a run.
@@ -93,7 +102,8 @@ pub fn engine(args: &EngineArgs, threads: Option<usize>) -> Result<Box<dyn run::
         #[cfg(feature = "cluster")]
         EngineName::Ballista(authority) => {
             let limits = run::ballista::Limits { retries: args.retries, unit_timeout, patience: args.patience };
-            Ok(Box::new(run::ballista::Ballista::connect(authority, limits)?))
+            let trust = run::ballista::Trust::read(args.key_file.as_deref(), args.insecure_loopback)?;
+            Ok(Box::new(run::ballista::Ballista::connect(authority, &trust, limits)?))
         }
         #[cfg(not(feature = "cluster"))]
         EngineName::Ballista(_) => Err(without_cluster()),

@@ -96,6 +96,10 @@ enum Command {
     Sql(sql::SqlArgs),
     /// Serve the tables of a store over Arrow Flight SQL, read-only; a build with the feature `serve` has it.
     Serve(serve::ServeArgs),
+    /// Answer one query of `serve`, in a process of its own.
+    #[cfg(feature = "serve")]
+    #[command(name = crate::serve::COMMAND, hide = true)]
+    AnswerQuery,
     /// List the tables of a store.
     Ls {
         /// Only those of this pipeline.
@@ -287,6 +291,8 @@ pub fn main(catalogue: &[Entry]) -> ExitCode {
         }
         Command::Sql(args) => sql::run(&args),
         Command::Serve(args) => serve::run(&args),
+        #[cfg(feature = "serve")]
+        Command::AnswerQuery => crate::serve::answer().map_err(Stop::from),
         Command::Ls { pipeline, store } => tend::ls(&store, pipeline.as_deref()),
         Command::Rm { name, store } => tend::rm(&store, &name),
         Command::Runs { pipeline, from, to, store } => tend::runs(&store, pipeline.as_deref(), from.zip(to)),

@@ -50,7 +50,12 @@ pub fn run(_: &ServeArgs) -> Result<(), Stop> {
 /// Serves until it is interrupted.
 #[cfg(feature = "serve")]
 pub fn run(args: &ServeArgs) -> Result<(), Stop> {
-    use std::{fs, path::Path, time::Duration};
+    use std::{
+        fs::{self, DirBuilder},
+        os::unix::fs::DirBuilderExt,
+        path::Path,
+        time::Duration,
+    };
 
     use schemas::Fault;
     use tokio::sync::watch;
@@ -89,7 +94,10 @@ pub fn run(args: &ServeArgs) -> Result<(), Stop> {
         }
     });
     let spill = Temporary::new(std::env::temp_dir().join(format!("magline-serve-{}", std::process::id())));
+    let made = DirBuilder::new().recursive(true).mode(0o700).create(spill.path());
+    made.map_err(|e| Fault::machine(format!("cannot make the folder {}: {e}", spill.path().display())))?;
     let settings = Settings {
+        program: super::engine::program()?,
         store: args.store.clone(),
         bind: args.bind,
         token,

@@ -23,7 +23,7 @@ use object_store::{
 use schemas::Fault;
 use tokio::runtime::Runtime;
 
-use super::address::Address;
+use super::{address::Address, redact::redacted};
 
 /// The bytes of a part: longer objects are read and written in parts.
 const PART: u64 = 16 << 20;
@@ -111,25 +111,6 @@ pub fn each<T: Sync, A: Send>(items: &[T], work: impl Fn(&T) -> Result<A, Fault>
     fault.map_or(Ok(found), Err)
 }
 
-/// The text of an error without secrets: addresses lose their query, and of an answer in XML code and message are kept.
-fn plain(error: &Error) -> String {
-    const LONGEST: usize = 400;
-    let text = error.to_string();
-    let between = |tag: &str| {
-        let (_, rest) = text.split_once(&format!("<{tag}>"))?;
-        rest.split_once("</").map(|(inner, _)| inner.trim().to_owned())
-    };
-    let said = [between("Code"), between("Message")].into_iter().flatten().collect::<Vec<_>>().join(": ");
-    let text = match text.find('<') {
-        Some(at) if !said.is_empty() => format!("{} {said}", text.get(..at).unwrap_or_default().trim_end()),
-        _ => text,
-    };
-    let words = text
-        .split_whitespace()
-        .map(|word| if word.contains("://") { word.split('?').next().unwrap_or(word) } else { word });
-    words.collect::<Vec<_>>().join(" ").chars().take(LONGEST).collect()
-}
-
 fn is_missing_bucket(error: &Error) -> bool {
     let text = error.to_string();
     ["NoSuchBucket", "ContainerNotFound", "bucket does not exist"].iter().any(|code| text.contains(code))
@@ -194,7 +175,7 @@ impl Bucket {
     }
 
     fn fault(&self, doing: &str, key: &str, error: &Error) -> Fault {
-        let (address, text) = (self.address.below(key), plain(error));
+        let (address, text) = (self.address.below(key), redacted(&error.to_string()));
         let what = format!("cannot {doing} {address}: {text}");
         if is_missing_bucket(error) {
             let Address { scheme, bucket, .. } = &self.address;
@@ -214,6 +195,8 @@ impl Bucket {
             Error::NotImplemented { .. } | Error::NotSupported { .. } => {
                 Fault::machine(what).help("the server does not do what a store needs, such as conditional writes")
             }
+            _ if text.contains("status code: 30") => Fault::machine(what)
+                .help("the server names another one, which is not sent the credentials: name it as the endpoint"),
             _ if text.contains("error sending request") => {
                 Fault::machine(what).help("nobody answers there, or not in time: see the network and the endpoint")
             }

@@ -62,6 +62,8 @@ fn open(address: &Address) -> Result<Bucket, Fault> {
         gcp::{GoogleCloudStorageBuilder, GoogleConfigKey},
     };
 
+    use super::client::Direct;
+
     /// The longest time of a request, and of its connection, unless the environment says another.
     const TIMES: [(ClientConfigKey, &str, &str); 2] = [
         (ClientConfigKey::Timeout, "TIMEOUT", "60 seconds"),
@@ -83,13 +85,14 @@ fn open(address: &Address) -> Result<Bucket, Fault> {
     };
     let bucket = address.bucket.as_str();
     let wrong = |e: object_store::Error| {
-        let text: String = e.to_string().split('?').next().unwrap_or_default().chars().take(300).collect();
+        let text = super::redacted(&e.to_string());
         Fault::machine(format!("cannot use {}://{bucket}: {text}", address.scheme.as_str()))
             .help("the environment says where and with which credentials: see pipeline/OBJECTS.md")
     };
     let objects: Arc<dyn ObjectStore> = match address.scheme {
         Scheme::S3 => {
-            let mut builder = AmazonS3Builder::new().with_bucket_name(bucket).with_retry(retry);
+            let mut builder =
+                AmazonS3Builder::new().with_bucket_name(bucket).with_retry(retry).with_http_connector(Direct);
             builder = builder.with_checksum_algorithm(Checksum::SHA256);
             // A variable that is empty is as good as none.
             for (name, value) in std::env::vars_os() {
@@ -114,14 +117,18 @@ fn open(address: &Address) -> Result<Bucket, Fault> {
             Arc::new(builder.build().map_err(wrong)?)
         }
         Scheme::Gs => {
+            no_password(&endpoint(address.scheme))?;
             let mut builder = GoogleCloudStorageBuilder::from_env().with_bucket_name(bucket).with_retry(retry);
+            builder = builder.with_http_connector(Direct);
             for (key, _, value) in unset("GOOGLE") {
                 builder = builder.with_config(GoogleConfigKey::Client(key), value);
             }
             Arc::new(builder.build().map_err(wrong)?)
         }
         Scheme::Az => {
+            no_password(&endpoint(address.scheme))?;
             let mut builder = MicrosoftAzureBuilder::from_env().with_container_name(bucket).with_retry(retry);
+            builder = builder.with_http_connector(Direct);
             for (key, _, value) in unset("AZURE") {
                 builder = builder.with_config(AzureConfigKey::Client(key), value);
             }
@@ -134,6 +141,7 @@ fn open(address: &Address) -> Result<Bucket, Fault> {
 /// Whether an endpoint of S3 is one: an address, with TLS unless the environment allows one without.
 #[cfg(feature = "object-stores")]
 fn allowed(endpoint: &str) -> Result<(), Fault> {
+    no_password(endpoint)?;
     let plain = std::env::var("AWS_ALLOW_HTTP").is_ok_and(|v| matches!(v.to_ascii_lowercase().as_str(), "true" | "1"));
     match url::Url::parse(endpoint).ok().filter(|url| url.has_host()).as_ref().map(url::Url::scheme) {
         Some("https") => Ok(()),
@@ -142,5 +150,17 @@ fn allowed(endpoint: &str) -> Result<(), Fault> {
             .help("allow it with AWS_ALLOW_HTTP=true, or name one with https://")),
         Some(_) | None => Err(Fault::machine("the endpoint of S3 is not an address (AWS_ENDPOINT_URL)")
             .help("write it as https://HOST or http://HOST:PORT")),
+    }
+}
+
+/// Refuses an endpoint with a user or a password: it would be seen wherever the endpoint is.
+#[cfg(feature = "object-stores")]
+fn no_password(endpoint: &str) -> Result<(), Fault> {
+    match url::Url::parse(endpoint) {
+        Ok(url) if !url.username().is_empty() || url.password().is_some() || url.query().is_some() => {
+            Err(Fault::machine("the endpoint of the object store has a user, a password or a query in it")
+                .help("write it as https://HOST or http://HOST:PORT; credentials have variables of their own: see pipeline/OBJECTS.md"))
+        }
+        _ => Ok(()),
     }
 }

@@ -6,12 +6,16 @@
 mod address;
 mod bucket;
 pub mod cache;
+#[cfg(feature = "object-stores")]
+mod client;
 mod connect;
 mod files;
 #[cfg(feature = "object-stores")]
 mod profile;
+mod redact;
 
 pub use address::{Address, Place, place};
 pub use bucket::{Bucket, Listed, each};
 pub use connect::{connect, supported};
 pub use files::{beside, find, fixed, whole};
+pub use redact::{address as without_password, redacted};

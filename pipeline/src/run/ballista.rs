@@ -6,6 +6,10 @@
 //! answer is lost. `pipeline/CLUSTER.md` says what happens when.
 
 mod client;
+mod closed;
+mod executor;
+mod flight;
+mod key;
 mod scheduler;
 mod units;
 mod wave;
@@ -22,6 +26,7 @@ use self::{
     wave::Handing,
 };
 pub use self::{
+    key::Trust,
     scheduler::{Listening, listen},
     worker::{Config as WorkerConfig, Ended, Hear, work},
 };
@@ -59,8 +64,8 @@ impl Ballista {
     ///
     /// # Errors
     /// Fails when the scheduler does not answer, or is another version.
-    pub fn connect(authority: &str, limits: Limits) -> Result<Ballista, Fault> {
-        let scheduler = Scheduler::at(authority);
+    pub fn connect(authority: &str, trust: &Trust, limits: Limits) -> Result<Ballista, Fault> {
+        let scheduler = Scheduler::at(authority, trust)?;
         let seen = scheduler.look().map_err(|why| why.fault(authority))?;
         Ok(Ballista { scheduler, runtime: runtime()?, session: new_instance_id(), seen, limits })
     }
@@ -83,15 +88,15 @@ impl Engine for Ballista {
 /// Waits until a scheduler answers that is of this version; `waits` is called once, if there is none yet.
 ///
 /// # Errors
-/// Fails when it is another version.
-pub fn await_scheduler(authority: &str, waits: impl FnOnce(&str)) -> Result<(), Fault> {
+/// Fails when it is another version, or has another key.
+pub fn await_scheduler(authority: &str, trust: &Trust, waits: impl FnOnce(&str)) -> Result<(), Fault> {
     const AGAIN_AFTER: Duration = Duration::from_millis(500);
-    let scheduler = Scheduler::at(authority);
+    let scheduler = Scheduler::at(authority, trust)?;
     let mut waits = Some(waits);
     loop {
         match scheduler.name() {
             Ok(_) => return Ok(()),
-            Err(why @ Trouble::Other(_)) => return Err(why.fault(authority)),
+            Err(why @ (Trouble::Other(_) | Trouble::Stranger)) => return Err(why.fault(authority)),
             Err(Trouble::Silent(why)) => {
                 waits.take().into_iter().for_each(|waits| waits(&why));
                 std::thread::sleep(AGAIN_AFTER);

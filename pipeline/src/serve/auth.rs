@@ -4,6 +4,8 @@ use base64::{Engine, prelude::BASE64_STANDARD_NO_PAD};
 use schemas::Fault;
 use tonic::{Request, Status, metadata::MetadataMap, service::Interceptor};
 
+use crate::ports::Guest;
+
 /// The least number of characters of a token.
 const SHORTEST: usize = 16;
 
@@ -71,10 +73,14 @@ impl Check {
 
 impl Interceptor for Check {
     fn call(&mut self, request: Request<()>) -> Result<Request<()>, Status> {
-        match &self.0 {
-            Some(token) if !token.admits(request.metadata()) => Err(Status::unauthenticated(WRONG)),
-            Some(_) | None => Ok(request),
+        if self.0.as_ref().is_some_and(|token| !token.admits(request.metadata())) {
+            return Err(Status::unauthenticated(WRONG));
         }
+        // From now on the connection is one of a client, and no longer one of a stranger.
+        if request.extensions().get::<Guest>().is_some_and(|guest| !guest.admit()) {
+            return Err(Status::resource_exhausted("too many clients are connected: try again later"));
+        }
+        Ok(request)
     }
 }
 

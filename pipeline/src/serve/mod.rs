@@ -4,32 +4,37 @@
 //! publishes meanwhile is seen by later ones. Answers are streamed as they are computed.
 
 mod auth;
+mod child;
 mod keys;
 mod parameters;
+mod process;
 mod queries;
 mod service;
+mod spool;
 
 use std::{net::SocketAddr, path::PathBuf, time::Duration};
 
 use arrow_flight::flight_service_server::FlightServiceServer;
 use schemas::Fault;
 use tokio::{
+    net::TcpListener,
     runtime::{Builder, Runtime},
     sync::watch,
     time::sleep,
 };
-use tonic::{
-    service::interceptor::InterceptedService,
-    transport::{Identity, Server, ServerTlsConfig, server::TcpIncoming},
-};
+use tonic::{service::interceptor::InterceptedService, transport::Server};
 
-use crate::views::sql::WORKER_STACK;
+use crate::ports::{Door, encryption};
 pub use auth::Token;
+pub use child::answer;
+pub use process::COMMAND;
 use queries::Queries;
 use service::Service;
 
 /// How a store is served.
 pub struct Settings {
+    /// This program: each query is computed by a process of it.
+    pub program: PathBuf,
     /// The store's folder.
     pub store: PathBuf,
     /// Where to listen; port 0 takes a free one.
@@ -80,36 +85,17 @@ pub fn serve(settings: Settings, started: impl FnOnce(SocketAddr), stop: watch::
     };
     let connections = threads("connections").worker_threads(CONNECTION_THREADS).build();
     let connections: Runtime = connections.map_err(|e| machine("cannot start threads", &e))?;
-    let computing = threads("queries").thread_stack_size(WORKER_STACK).build();
+    // Each query has a thread that reads what its process computes.
+    let computing = threads("queries").worker_threads(CONNECTION_THREADS).build();
     let computing: Runtime = computing.map_err(|e| machine("cannot start threads", &e))?;
     let queries = Queries::new(&settings, computing.handle().clone());
+    let processes = queries.processes();
     let done = connections.block_on(listen(settings, queries, started, stop));
+    processes.end();
     // What still runs has no one to answer.
     computing.shutdown_background();
     connections.shutdown_background();
     done
-}
-
-/// Gives the process the cryptography of its encrypted connections; one that was given before stays.
-fn cryptography() -> Result<(), Fault> {
-    #[cfg(target_arch = "x86_64")]
-    let able = std::arch::is_x86_feature_detected!("aes")
-        && std::arch::is_x86_feature_detected!("pclmulqdq")
-        && std::arch::is_x86_feature_detected!("bmi1")
-        && std::arch::is_x86_feature_detected!("bmi2")
-        && std::arch::is_x86_feature_detected!("adx")
-        && std::arch::is_x86_feature_detected!("avx2");
-    #[cfg(target_arch = "aarch64")]
-    let able = std::arch::is_aarch64_feature_detected!("aes")
-        && std::arch::is_aarch64_feature_detected!("pmull")
-        && std::arch::is_aarch64_feature_detected!("sha2");
-    if !able {
-        let fault =
-            Fault::new("this processor lacks instructions that encryption needs (AES, AVX2, ADX; SHA-2 on ARM)");
-        return Err(fault.help("serve on the loopback, and encrypt with a proxy that speaks HTTP/2"));
-    }
-    let _ = rustls_graviola::default_provider().install_default();
-    Ok(())
 }
 
 async fn listen(
@@ -124,18 +110,11 @@ async fn listen(
         .http2_keepalive_interval(Some(ALIVE))
         .http2_keepalive_timeout(Some(ALIVE))
         .max_concurrent_streams(Some(STREAMS));
-    if let Some((certificate, key)) = settings.tls {
-        cryptography()?;
-        let tls = ServerTlsConfig::new().identity(Identity::from_pem(certificate, key)).timeout(ALIVE);
-        let wrong = |e: tonic::transport::Error| {
-            let why = std::error::Error::source(&e).map_or_else(|| e.to_string(), |cause| cause.to_string());
-            Fault::new(format!("the certificate or its key cannot be used: {why}")).help("both are PEM files")
-        };
-        server = server.tls_config(tls).map_err(wrong)?;
-    }
+    let encryption = settings.tls.map(|(certificate, key)| encryption(&certificate, &key)).transpose()?;
     let taken = |e: &dyn std::fmt::Display| machine(&format!("cannot listen at {}", settings.bind), e);
-    let incoming = TcpIncoming::bind(settings.bind).map_err(|e| taken(&e))?.with_nodelay(Some(true));
-    started(incoming.local_addr().map_err(|e| taken(&e))?);
+    let listener = TcpListener::bind(settings.bind).await.map_err(|e| taken(&e))?;
+    let door = Door::new(listener, encryption);
+    started(door.address().map_err(|e| taken(&e))?);
     let stopped = |mut stop: watch::Receiver<bool>| async move {
         // A sender that is gone will not stop it any more.
         let _ = stop.wait_for(|stop| *stop).await;
@@ -144,7 +123,7 @@ async fn listen(
     let flight = FlightServiceServer::new(service).max_decoding_message_size(MESSAGE);
     let server = server.add_service(InterceptedService::new(flight, check));
     tokio::select! {
-        done = server.serve_with_incoming_shutdown(incoming, first) => done.map_err(|e| machine("cannot serve", &e)),
+        done = server.serve_with_incoming_shutdown(door.open(), first) => done.map_err(|e| machine("cannot serve", &e)),
         () = async { later.await; sleep(GRACE).await } => Ok(()),
     }
 }

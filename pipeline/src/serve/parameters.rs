@@ -71,7 +71,14 @@ fn listed(names: &[&str]) -> String {
 /// # Errors
 /// Names the parameters.
 pub fn bound(plan: &LogicalPlan) -> Result<(), Fault> {
-    let open = open(plan);
+    valued(&open(plan))
+}
+
+/// Fails for open parameters.
+///
+/// # Errors
+/// Names them.
+pub fn valued(open: &Schema) -> Result<(), Fault> {
     let names: Vec<&str> = open.fields().iter().map(|f| f.name().as_str()).collect();
     if names.is_empty() {
         return Ok(());

@@ -8,49 +8,37 @@ use std::{
         Arc, Mutex, MutexGuard, PoisonError,
         atomic::{AtomicU64, Ordering},
     },
-    task::{Context, Poll},
     time::{Duration, SystemTime},
 };
 
 use arrow_array::RecordBatch;
 use arrow_flight::error::FlightError;
-use arrow_schema::{DataType, Schema, SchemaRef};
-use datafusion::{error::DataFusionError, logical_expr::LogicalPlan};
-use futures::{Stream, StreamExt};
+use arrow_schema::SchemaRef;
+use futures::{Stream, StreamExt, stream};
 use schemas::Fault;
-use tokio::{
-    runtime::Handle,
-    sync::{Semaphore, mpsc},
-    time::{Instant, timeout_at},
-};
+use tokio::{runtime::Handle, time::Instant};
 use tonic::Status;
 use uuid::Uuid;
 
-use super::{Settings, parameters};
-use crate::{deep, store::pulled, views::sql::Session};
+use super::{
+    Settings, child, parameters,
+    process::{Asked, Processes},
+};
+use crate::{store::pulled, views::sql::Session};
 
 /// Plans that wait to be asked for, and prepared statements: more than these, and the oldest are forgotten.
 const WAITING: u64 = 1024;
 const PREPARED: u64 = 4096;
 /// A plan that was not asked for is forgotten after this time.
 const FORGOTTEN: Duration = Duration::from_secs(600);
-/// Pieces of an answer that are ready before the client takes them.
-const READY: usize = 2;
 
 /// A query over one state of the store.
 pub struct Planned {
-    session: Arc<Session>,
-    query: String,
-    plan: LogicalPlan,
+    asked: Asked,
     /// Its columns.
     pub schema: SchemaRef,
-}
-
-impl Planned {
     /// Its open parameters in their order; the type `Null` stands for one that is not known.
-    pub fn parameters(&self) -> Schema {
-        parameters::open(&self.plan)
-    }
+    pub parameters: SchemaRef,
 }
 
 /// A prepared statement.
@@ -115,8 +103,7 @@ impl Tables {
 /// All queries.
 pub struct Queries {
     tables: Arc<Tables>,
-    timeout: Duration,
-    at_once: Arc<Semaphore>,
+    processes: Processes,
     runtime: Handle,
     /// What this server's handles begin with: those of a server before it stand for nothing here.
     own: Uuid,
@@ -150,8 +137,7 @@ impl Queries {
         };
         Queries {
             tables: Arc::new(tables),
-            timeout: settings.timeout,
-            at_once: Arc::new(Semaphore::new(settings.queries.max(1))),
+            processes: Processes::new(settings, runtime.clone()),
             runtime,
             own: Uuid::new_v4(),
             next: AtomicU64::new(1),
@@ -160,42 +146,36 @@ impl Queries {
         }
     }
 
+    /// The processes of the queries.
+    pub fn processes(&self) -> Processes {
+        self.processes.clone()
+    }
+
     /// The tables as they are now.
     ///
     /// # Errors
     /// Fails when the store cannot be read.
     pub async fn session(&self) -> Result<Arc<Session>, Status> {
         let tables = self.tables.clone();
-        self.deep(move |_| tables.session()).await?.map_err(|fault| told(&fault))
-    }
-
-    /// Runs `work`, which may recurse deep, beside the connections.
-    async fn deep<T: Send + 'static>(&self, work: impl FnOnce(&Handle) -> T + Send + 'static) -> Result<T, Status> {
-        let handle = self.runtime.clone();
-        let done = self.runtime.spawn_blocking(move || deep::deep(|| work(&handle))).await;
-        done.map_err(|_| Status::internal("the query ended with a panic"))?.map_err(|fault| told(&fault))
+        let done = self.runtime.spawn_blocking(move || tables.session()).await;
+        done.map_err(|_| Status::internal("the store cannot be read"))?.map_err(|fault| told(&fault))
     }
 
     /// Plans `query` with its parameters, if it has any.
     ///
     /// # Errors
-    /// Fails when the query is wrong, or does anything but ask.
+    /// Fails when the query is wrong, does anything but ask, or takes too long or too much to plan.
     pub async fn plan(&self, query: String, parameters: Option<RecordBatch>) -> Result<Arc<Planned>, Status> {
-        let tables = self.tables.clone();
-        let planned = self.deep(move |handle| -> Result<Planned, Fault> {
-            deep::over(&query, || ())?;
-            let session = tables.session()?;
-            let mut plan = handle.block_on(session.plan(&query))?;
-            if let Some(values) = parameters {
-                let values = parameters::values(&plan, &values)?;
-                plan = plan.with_param_values(values).map_err(|e| session.fault(&e, &query))?;
-            }
-            let open = !parameters::open(&plan).fields().is_empty();
-            let columns = if open { Ok(plan.schema().as_arrow().clone()) } else { session.columns(&plan) };
-            let schema = columns.map(|s| Arc::new(plain(&s))).map_err(|e| session.fault(&e, &query))?;
-            Ok(Planned { session, query, plan, schema })
-        });
-        planned.await?.map(Arc::new).map_err(|fault| told(&fault))
+        let parameters = parameters.map(|row| child::spelt(&row.schema(), Some(&row))).transpose();
+        let parameters = parameters.map_err(|e| broken(&e))?;
+        let asked = Asked { query, parameters, pins: None };
+        let head = self.processes.plan(asked.clone()).await?;
+        let schema = |text: &str| child::read(text).map(|(schema, _)| schema).map_err(|e| broken(&e));
+        Ok(Arc::new(Planned {
+            schema: schema(&head.columns)?,
+            parameters: schema(&head.parameters)?,
+            asked: Asked { pins: Some(head.pins), ..asked },
+        }))
     }
 
     fn spelt(&self, number: u64) -> Vec<u8> {
@@ -269,7 +249,7 @@ impl Queries {
     /// # Errors
     /// Names the parameters.
     pub fn bound(&self, planned: &Planned) -> Result<(), Status> {
-        parameters::bound(&planned.plan).map_err(|fault| told(&fault))
+        parameters::valued(&planned.parameters).map_err(|fault| told(&fault))
     }
 
     /// Answers a plan: the pieces as they are computed, then their end; an answer that stops before that is an error.
@@ -278,81 +258,24 @@ impl Queries {
     /// Fails when too many queries are under way for too long, or the query cannot be begun.
     pub async fn answer(&self, planned: Arc<Planned>) -> Result<Pieces, Status> {
         self.bound(&planned)?;
-        let (deadline, timeout) = (Instant::now() + self.timeout, self.timeout);
-        let late = move || Status::deadline_exceeded(format!("the query took longer than {} s", timeout.as_secs()));
-        let busy = |_| Status::resource_exhausted("too many queries are under way: ask again later");
-        let permit = timeout_at(deadline, self.at_once.clone().acquire_owned()).await.map_err(busy)?;
-        let permit = permit.map_err(|_| Status::unavailable("the server ends"))?;
-        let asked = planned.clone();
-        let begun = self.deep(move |handle| handle.block_on(asked.session.run(asked.plan.clone())));
-        let wrong = move |e: &DataFusionError| told(&planned.session.fault(e, &planned.query));
-        let stream = timeout_at(deadline, begun).await.map_err(|_| late())??;
-        let mut stream = stream.map_err(|e| wrong(&e))?;
-        let (send, pieces) = mpsc::channel(READY);
-        self.runtime.spawn(async move {
-            let all = async {
-                while let Some(piece) = stream.next().await {
-                    let failed = piece.is_err();
-                    let piece = piece.map(Piece::Rows).map_err(|e| wrong(&e));
-                    if send.send(piece).await.is_err() || failed {
-                        return;
-                    }
-                }
-                let _ = send.send(Ok(Piece::End)).await;
-            };
-            let in_time = tokio::select! {
-                // The client has gone away.
-                () = send.closed() => return,
-                done = timeout_at(deadline, all) => done.is_ok(),
-            };
-            // Others may compute while a slow client is told.
-            drop((stream, permit));
-            if !in_time {
-                let _ = send.send(Err(late())).await;
-            }
-        });
-        Ok(Pieces { pieces, ended: false })
+        let (_, reader) = self.processes.answer(planned.asked.clone()).await?;
+        let pieces = stream::unfold(reader, |reader| async move { Some((reader.next().await?, reader)) });
+        Ok(Box::pin(pieces.flat_map(|piece| stream::iter(rows(piece)))))
     }
 }
 
-/// The columns as they are sent: no dictionaries.
-fn plain(schema: &Schema) -> Schema {
-    let one = |field: &arrow_schema::FieldRef| match field.data_type() {
-        DataType::Dictionary(_, values) => Arc::new(field.as_ref().clone().with_data_type(values.as_ref().clone())),
-        _ => field.clone(),
-    };
-    Schema::new_with_metadata(schema.fields().iter().map(one).collect::<Vec<_>>(), schema.metadata().clone())
+/// The rows of a piece.
+fn rows(piece: Result<Vec<u8>, Status>) -> Vec<Result<RecordBatch, FlightError>> {
+    match piece.map(|bytes| child::unpacked(&bytes)) {
+        Ok(Ok((_, batches))) => batches.into_iter().map(Ok).collect(),
+        Ok(Err(e)) => vec![Err(broken(&e).into())],
+        Err(status) => vec![Err(status.into())],
+    }
 }
 
-enum Piece {
-    Rows(RecordBatch),
-    End,
+fn broken(e: &dyn std::fmt::Display) -> Status {
+    Status::internal(e.to_string())
 }
 
 /// An answer on its way.
-pub struct Pieces {
-    pieces: mpsc::Receiver<Result<Piece, Status>>,
-    ended: bool,
-}
-
-impl Stream for Pieces {
-    type Item = Result<RecordBatch, FlightError>;
-
-    fn poll_next(mut self: Pin<&mut Self>, context: &mut Context) -> Poll<Option<Self::Item>> {
-        if self.ended {
-            return Poll::Ready(None);
-        }
-        let piece = match self.pieces.poll_recv(context) {
-            Poll::Pending => return Poll::Pending,
-            Poll::Ready(piece) => piece,
-        };
-        let (item, ended) = match piece {
-            Some(Ok(Piece::Rows(rows))) => (Some(Ok(rows)), false),
-            Some(Ok(Piece::End)) => (None, true),
-            Some(Err(status)) => (Some(Err(status.into())), true),
-            None => (Some(Err(Status::internal("the query ended before its last row").into())), true),
-        };
-        self.ended = ended;
-        Poll::Ready(item)
-    }
-}
+pub type Pieces = Pin<Box<dyn Stream<Item = Result<RecordBatch, FlightError>> + Send>>;

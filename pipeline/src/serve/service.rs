@@ -249,7 +249,7 @@ impl FlightSqlService for Service {
         Ok(ActionCreatePreparedStatementResult {
             prepared_statement_handle: self.queries.prepare(query).into(),
             dataset_schema: spelt(&planned.schema)?,
-            parameter_schema: spelt(&planned.parameters())?,
+            parameter_schema: spelt(&planned.parameters)?,
         })
     }
 

@@ -113,7 +113,7 @@ impl Manifest {
     }
 
     /// Its checksum.
-    pub(super) fn sum(&self) -> &str {
+    pub(crate) fn sum(&self) -> &str {
         &self.sum
     }
 }

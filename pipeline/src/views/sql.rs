@@ -25,6 +25,7 @@ use schemas::Fault;
 
 use crate::deep;
 pub use session::Session;
+pub use tables::Pins;
 
 /// Operators are evaluated on these threads, by recursion over expressions that may be nested deep.
 pub const WORKER_STACK: usize = 64 << 20;

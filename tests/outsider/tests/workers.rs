@@ -108,7 +108,7 @@ fn user_a_cluster_outlives_any_unit() {
         let folder = scene(trouble);
         let cluster = cluster_support::Cluster::new(env!("CARGO_BIN_EXE_troubled"), folder.path(), 2);
         let engine = cluster.engine();
-        let mut args = vec!["run", "spec.toml", "--engine", &engine, "--json"];
+        let mut args = vec!["run", "spec.toml", "--engine", &engine, "--key-file", cluster_support::KEY_FILE, "--json"];
         if trouble == "hang" {
             args.extend(["--unit-timeout", "3s"]);
         }

@@ -14,7 +14,10 @@ use serde_json::Value;
 use url::Url;
 
 use super::file;
-use crate::cli::say::err;
+use crate::{
+    cli::say::err,
+    remote::{redacted, without_password},
+};
 
 /// The longest that one request may take.
 const REQUEST: Duration = Duration::from_secs(5);
@@ -83,7 +86,9 @@ fn target(to: &str) -> Result<Target, Fault> {
         file::check("--openlineage", Path::new(to))?;
         return Ok(Target::File(PathBuf::from(to)));
     }
-    let wrong = |why: &str| Fault::new(format!("`--openlineage`: cannot send to `{to}`")).help(why.to_owned());
+    let wrong = |why: &str| {
+        Fault::new(format!("`--openlineage`: cannot send to `{}`", without_password(to))).help(why.to_owned())
+    };
     let mut url = Url::parse(to).map_err(|e| wrong(&e.to_string()))?;
     match url.scheme() {
         "http" => {}
@@ -98,7 +103,7 @@ fn target(to: &str) -> Result<Target, Fault> {
     if url.path() == "/" {
         url.set_path(ENDPOINT);
     }
-    let agent = ureq::Agent::config_builder().timeout_global(Some(REQUEST)).build().into();
+    let agent = ureq::Agent::config_builder().timeout_global(Some(REQUEST)).max_redirects(0).build().into();
     let key = std::env::var("OPENLINEAGE_API_KEY").ok().filter(|k| !k.is_empty());
     Ok(Target::Http { url, agent: Box::new(agent), key })
 }
@@ -135,15 +140,16 @@ fn one(target: &Target, event: &Value) -> Result<(), String> {
             file.and_then(|mut f| f.write_all(line.as_bytes())).map_err(|e| format!("{}: {e}", path.display()))
         }
         Target::Http { url, agent, key } => {
-            let begun = Instant::now();
+            let (begun, shown) = (Instant::now(), without_password(url.as_str()));
             let sent = post(agent, url, key.as_deref(), &text);
             match sent {
-                Err(ureq::Error::StatusCode(code)) if code < 500 => Err(format!("{url} answers {code}")),
+                Err(ureq::Error::StatusCode(code)) if code < 500 => Err(format!("{shown} answers {code}")),
                 Err(_) if begun.elapsed() < REQUEST => {
                     sleep(AGAIN_AFTER);
-                    post(agent, url, key.as_deref(), &text).map_err(|e| format!("{url}: {e}"))
+                    post(agent, url, key.as_deref(), &text)
+                        .map_err(|e| format!("{shown}: {}", redacted(&e.to_string())))
                 }
-                Err(e) => Err(format!("{url}: {e}")),
+                Err(e) => Err(format!("{shown}: {}", redacted(&e.to_string()))),
                 Ok(()) => Ok(()),
             }
         }
@@ -155,7 +161,11 @@ fn post(agent: &ureq::Agent, url: &Url, key: Option<&str>, text: &str) -> Result
     if let Some(key) = key {
         request = request.header("Authorization", format!("Bearer {key}"));
     }
-    request.send(text).map(|_| ())
+    // A redirect is not followed: the key is for this server alone.
+    match request.send(text)?.status() {
+        status if status.is_success() => Ok(()),
+        status => Err(ureq::Error::StatusCode(status.as_u16())),
+    }
 }
 
 #[cfg(test)]
@@ -175,6 +185,8 @@ mod tests {
         assert_eq!(url("http://localhost:5000/other?x=1"), "http://localhost:5000/other?x=1");
         assert_eq!(url("events.jsonl"), "events.jsonl");
         assert_eq!(url("file:///tmp/events.jsonl"), "/tmp/events.jsonl");
+        let secret = url("https://me:geheim@host/?key=geheim");
+        assert!(secret.contains("host") && !secret.contains("geheim"), "{secret}");
         for wrong in ["https://host", "ftp://host", "http://", "no/folder/of/this/name/x"] {
             assert!(url(wrong).starts_with("`--openlineage`"), "{wrong}: {}", url(wrong));
         }

@@ -1,6 +1,6 @@
 //! A driver's and a worker's view of a scheduler: its state and its jobs by HTTP, and jobs that are handed to it.
 
-use std::{sync::Arc, time::Duration};
+use std::{error::Error, future::poll_fn, io, pin::Pin, sync::Arc, time::Duration};
 
 use ballista_core::{
     config::BALLISTA_SCHEDULER_MAX_PARTITIONS_PER_TASK, execution_plans::execute_physical_plan,
@@ -8,19 +8,32 @@ use ballista_core::{
 };
 use datafusion::{
     datasource::{memory::MemorySourceConfig, source::DataSourceExec},
-    error::{DataFusionError, Result},
+    error::DataFusionError,
     physical_plan::{ExecutionPlan, common::collect},
     prelude::SessionConfig,
 };
-use datafusion_proto::protobuf::PhysicalPlanNode;
 use schemas::Fault;
 use serde_json::Value;
+use tokio::{runtime::Runtime, time::timeout};
+use tokio_rustls::rustls;
+use tonic::{
+    body::Body,
+    codegen::{Body as _, Service, http},
+    transport::Channel,
+};
 
-use super::units::{Answered, Codec, Handed, Units, handed_schema};
+use super::{
+    closed::Closed,
+    key::Trust,
+    runtime,
+    units::{Answered, Codec, Handed, Units, handed_schema},
+};
 use crate::run::task::VERSION;
 
 /// The longest that a question may take.
 const ANSWER: Duration = Duration::from_secs(5);
+/// The longest answer.
+const MOST_BYTES: usize = 64 << 20;
 
 /// What begins the name of each scheduler and worker, before its version.
 const NAMED: &str = "magline-";
@@ -45,7 +58,11 @@ fn version_of(name: &str) -> Option<&str> {
 pub struct Scheduler {
     /// HOST:PORT.
     pub authority: String,
-    agent: ureq::Agent,
+    /// How it and this program know each other.
+    trust: Trust,
+    channel: Channel,
+    /// What the connection lives on.
+    runtime: Arc<Runtime>,
 }
 
 /// Why a scheduler is not to be worked with.
@@ -53,6 +70,8 @@ pub struct Scheduler {
 pub enum Trouble {
     /// It does not answer.
     Silent(String),
+    /// It has another key, or none.
+    Stranger,
     /// It is another version, or none of magline's.
     Other(String),
 }
@@ -74,7 +93,14 @@ impl Trouble {
         match self {
             Trouble::Silent(why) => {
                 let fault = Fault::machine(format!("cannot reach the scheduler at {authority}: {why}"));
-                fault.help(format!("start it with `magline scheduler --bind {authority}`"))
+                fault.help(format!(
+                    "start it with `magline scheduler --bind {authority}`; scheduler, workers and runs need the same key"
+                ))
+            }
+            Trouble::Stranger => {
+                let fault =
+                    Fault::new(format!("the scheduler at {authority} has another key than this program, or none"));
+                fault.help("give scheduler, workers and runs the same `--key-file`")
             }
             Trouble::Other(what) => {
                 let fault = Fault::new(format!("the scheduler at {authority} is {what}; this is magline {VERSION}"));
@@ -85,33 +111,64 @@ impl Trouble {
 }
 
 impl Scheduler {
+    /// The place to hand jobs to, and how it is known.
+    pub fn place(&self) -> (String, Trust) {
+        (self.authority.clone(), self.trust.clone())
+    }
+
     /// At HOST:PORT.
-    pub fn at(authority: &str) -> Scheduler {
-        let agent = ureq::Agent::config_builder().timeout_global(Some(ANSWER)).build().into();
-        Scheduler { authority: authority.to_owned(), agent }
+    ///
+    /// # Errors
+    /// Fails when that names no place, or there are no threads for a connection.
+    pub fn at(authority: &str, trust: &Trust) -> Result<Scheduler, Fault> {
+        let runtime = Arc::new(runtime()?);
+        let channel = {
+            let _within = runtime.enter();
+            let wrong = |e| Fault::new(format!("`{authority}` names no scheduler: {}", said(&e)));
+            trust.endpoint(authority).map_err(wrong)?.connect_lazy()
+        };
+        Ok(Scheduler { authority: authority.to_owned(), trust: trust.clone(), channel, runtime })
     }
 
-    /// `http://HOST:PORT`.
-    pub fn url(&self) -> String {
-        format!("http://{}", self.authority)
+    /// Where it is asked.
+    fn url(&self) -> String {
+        self.trust.url(&self.authority)
     }
 
-    fn ask(&self, path: &str) -> std::result::Result<Value, String> {
-        let text = self
-            .agent
-            .get(format!("{}/api/{path}", self.url()))
-            .call()
-            .and_then(|mut answer| answer.body_mut().read_to_string())
-            .map_err(|e| e.to_string())?;
-        serde_json::from_str(&text).map_err(|_| "what answers is no scheduler of Ballista".to_owned())
+    /// Asks it for something, and reads the whole answer.
+    fn request(&self, method: http::Method, path: &str) -> Result<Vec<u8>, Trouble> {
+        let request = http::Request::builder().method(method).uri(format!("{}/api/{path}", self.url()));
+        let request = request.body(Body::empty()).map_err(|e| Trouble::Silent(e.to_string()))?;
+        let mut channel = self.channel.clone();
+        let asked = async move {
+            poll_fn(|cx| channel.poll_ready(cx)).await.map_err(|e| trouble(&e))?;
+            let answer = channel.call(request).await.map_err(|e| trouble(&e))?;
+            let (mut body, mut bytes) = (answer.into_body(), vec![]);
+            while let Some(frame) = poll_fn(|cx| Pin::new(&mut body).poll_frame(cx)).await {
+                let data = frame.map_err(|e| Trouble::Silent(e.message().to_owned()))?.into_data();
+                bytes.extend_from_slice(&data.unwrap_or_default());
+                if bytes.len() > MOST_BYTES {
+                    return Err(Trouble::Silent("its answer has no end".to_owned()));
+                }
+            }
+            Ok(bytes)
+        };
+        let late = |_| Trouble::Silent(format!("no answer within {} s", ANSWER.as_secs()));
+        self.runtime.block_on(async { timeout(ANSWER, asked).await }).map_err(late)?
+    }
+
+    fn ask(&self, path: &str) -> Result<Value, Trouble> {
+        let bytes = self.request(http::Method::GET, path)?;
+        let wrong = |_| Trouble::Silent("what answers is no scheduler of Ballista".to_owned());
+        serde_json::from_slice(&bytes).map_err(wrong)
     }
 
     /// The scheduler's name, when it is of this version.
     ///
     /// # Errors
     /// Fails when it does not answer, or is another version.
-    pub fn name(&self) -> std::result::Result<String, Trouble> {
-        let state = self.ask("state").map_err(Trouble::Silent)?;
+    pub fn name(&self) -> Result<String, Trouble> {
+        let state = self.ask("state")?;
         let name = state.get("scheduler_id").and_then(Value::as_str).unwrap_or_default();
         match version_of(name) {
             _ if is_ours(name) => Ok(name.to_owned()),
@@ -124,9 +181,9 @@ impl Scheduler {
     ///
     /// # Errors
     /// As [`Scheduler::name`].
-    pub fn look(&self) -> std::result::Result<Seen, Trouble> {
+    pub fn look(&self) -> Result<Seen, Trouble> {
         let mut seen = Seen { scheduler: self.name()?, ..Seen::default() };
-        let workers = self.ask("executors").map_err(Trouble::Silent)?;
+        let workers = self.ask("executors")?;
         for worker in workers.as_array().into_iter().flatten() {
             let name = worker.get("id").and_then(Value::as_str).unwrap_or_default();
             let cores = worker.pointer("/specification/vcores").and_then(Value::as_u64).unwrap_or(0);
@@ -158,23 +215,49 @@ impl Scheduler {
 
     /// Cancels a job. What cannot be cancelled ends by itself, and its results are kept.
     pub fn cancel(&self, job: &str) {
-        let _ = self.agent.patch(format!("{}/api/job/{job}", self.url())).send_empty();
+        let _ = self.request(http::Method::PATCH, &format!("job/{job}"));
     }
+}
+
+/// What an error says, with its causes.
+fn said(e: &dyn Error) -> String {
+    let causes = std::iter::successors(e.source(), |&e| e.source()).map(ToString::to_string);
+    let mut all: Vec<String> = std::iter::once(e.to_string()).chain(causes).collect();
+    all.dedup();
+    all.join(": ")
+}
+
+/// Why there is no answer: a scheduler that does not hold our key, or one that is not there.
+fn trouble(e: &(dyn Error + 'static)) -> Trouble {
+    let of_key = |e: &(dyn Error + 'static)| {
+        let inner = e.downcast_ref::<io::Error>().and_then(io::Error::get_ref);
+        inner.is_some_and(|inner| inner.is::<rustls::Error>()) || e.is::<rustls::Error>()
+    };
+    let mut causes = std::iter::successors(Some(e), |&e| e.source());
+    if causes.any(of_key) { Trouble::Stranger } else { Trouble::Silent(said(e)) }
 }
 
 /// Has tasks computed as the job `name`, one task of Ballista for each partition of `parts`.
 ///
 /// # Errors
 /// Fails when the scheduler cannot be reached, and when the job fails or is cancelled.
-pub async fn job(url: String, session: String, name: String, parts: Vec<Vec<Handed>>) -> Result<Vec<Answered>> {
+pub async fn job(
+    (authority, trust): (String, Trust),
+    session: String,
+    name: String,
+    parts: Vec<Vec<Handed>>,
+) -> Result<Vec<Answered>, DataFusionError> {
     let config = SessionConfig::new_with_ballista()
         .set_usize(BALLISTA_SCHEDULER_MAX_PARTITIONS_PER_TASK, 1)
-        .with_ballista_job_name(&name);
-    let parts = parts.iter().map(|tasks| Ok(vec![Handed::rows(tasks)?])).collect::<Result<Vec<_>>>()?;
+        .with_ballista_job_name(&name)
+        .with_ballista_override_create_grpc_client_endpoint(trust.endpoints())
+        .with_ballista_use_tls(trust.encrypts());
+    let parts =
+        parts.iter().map(|tasks| Ok(vec![Handed::rows(tasks)?])).collect::<Result<Vec<_>, DataFusionError>>()?;
     let leaf = DataSourceExec::from_data_source(MemorySourceConfig::try_new(&parts, handed_schema(), None)?);
     let units: Arc<dyn ExecutionPlan> = Arc::new(Units::new(leaf));
-    let (settings, codec) = (config.ballista_config(), Codec::default());
-    let rows = execute_physical_plan::<PhysicalPlanNode>(url, &settings, units, &codec, session, config).await?;
+    let (settings, codec, url) = (config.ballista_config(), Codec::default(), trust.url(&authority));
+    let rows = execute_physical_plan::<Closed>(url, &settings, units, &codec, session, config).await?;
     let rows = collect(rows).await?;
     let answers: Option<Vec<Vec<Answered>>> = rows.iter().map(Answered::read).collect();
     let answers = answers.ok_or_else(|| DataFusionError::Execution("what came back are no answers".to_owned()))?;

@@ -6,37 +6,65 @@ use std::{
     time::Duration,
 };
 
-use ballista_core::error::BallistaError;
+use arrow_flight::flight_service_server::FlightServiceServer;
+use ballista_core::{
+    error::BallistaError, extension::BallistaConfigGrpcEndpoint, flight_proxy_service::BallistaFlightProxyService,
+    serde::protobuf::scheduler_grpc_server::SchedulerGrpcServer,
+};
 use ballista_scheduler::{
+    api::get_routes,
     cluster::BallistaCluster,
     config::{SchedulerConfig, TaskDistributionPolicy},
-    scheduler_process::{create_scheduler, start_grpc_service_with_listener},
+    scheduler_process::create_scheduler,
 };
-use datafusion_proto::protobuf::{LogicalPlanNode, PhysicalPlanNode};
 use schemas::Fault;
+use tokio_rustls::rustls::ServerConfig;
+use tonic::{
+    service::{Routes, RoutesBuilder},
+    transport::Server,
+};
 use uuid::Uuid;
 
-use super::{client::named, runtime, told_to_stop, units::Codec};
-use crate::store::host;
+use super::{
+    client::named,
+    closed::{Closed, Never},
+    executor::MESSAGE,
+    key::Trust,
+    runtime, told_to_stop,
+    units::Codec,
+};
+use crate::{ports::Door, store::host};
 
 /// How often the scheduler looks for workers that are silent.
 const LOOKS_EVERY: Duration = Duration::from_secs(5);
 /// The age at which what is kept of a job that is over is dropped.
 const KEPT: Duration = Duration::from_secs(60);
+/// The interval of asking whether a client is still there.
+const ALIVE: Duration = Duration::from_secs(30);
 
 /// A scheduler that listens, and does not yet answer.
 pub struct Listening {
     listener: TcpListener,
     address: SocketAddr,
     config: SchedulerConfig,
+    trust: Trust,
+    encryption: Option<Arc<ServerConfig>>,
 }
 
 /// Listens on `address`, with port 0 on a free one. Workers report to it by the name `advertise`; by default the address, or this
-/// host's name where that is all addresses. A worker that is silent for `worker_timeout` is given up.
+/// host's name where that is all addresses. A worker that is silent for `worker_timeout` is given up. Workers and runs are
+/// known by `trust`.
 ///
 /// # Errors
-/// Fails when the address is taken or not this host's.
-pub fn listen(address: SocketAddr, advertise: Option<&str>, worker_timeout: Duration) -> Result<Listening, Fault> {
+/// Fails when the address is taken or not this host's, or is reached by others while nobody is asked for a key.
+pub fn listen(
+    address: SocketAddr,
+    advertise: Option<&str>,
+    worker_timeout: Duration,
+    trust: Trust,
+) -> Result<Listening, Fault> {
+    trust.admits(address.ip())?;
+    let encryption = trust.server()?;
     let fail = |e: std::io::Error| Fault::machine(format!("cannot listen on {address}: {e}"));
     let listener = TcpListener::bind(address).map_err(fail)?;
     listener.set_nonblocking(true).map_err(fail)?;
@@ -51,6 +79,8 @@ pub fn listen(address: SocketAddr, advertise: Option<&str>, worker_timeout: Dura
         cors_allowed_origins: format!("http://{advertised}:{}", address.port()),
         external_host: advertised,
         override_physical_codec: Some(Arc::new(Codec::default())),
+        override_create_grpc_client_endpoint: Some(trust.endpoints()),
+        use_tls: trust.encrypts(),
         enable_embedded_flight_proxy: true,
         task_distribution: TaskDistributionPolicy::RoundRobin,
         executor_timeout_seconds: seconds,
@@ -60,7 +90,7 @@ pub fn listen(address: SocketAddr, advertise: Option<&str>, worker_timeout: Dura
         finished_job_state_clean_up_interval_seconds: KEPT.as_secs(),
         ..SchedulerConfig::default()
     };
-    Ok(Listening { listener, address, config })
+    Ok(Listening { listener, address, config, trust, encryption })
 }
 
 /// The name by which others find an address of this host.
@@ -88,13 +118,24 @@ impl Listening {
     /// # Errors
     /// Fails when Ballista does.
     pub fn serve(self) -> Result<(), Fault> {
-        let Listening { listener, config, .. } = self;
+        let Listening { listener, config, trust, encryption, .. } = self;
         let served = async move {
             let listener = tokio::net::TcpListener::from_std(listener).map_err(BallistaError::from)?;
             let cluster = BallistaCluster::new_from_config(&config).await?;
-            let server = create_scheduler::<LogicalPlanNode, PhysicalPlanNode>(cluster, Arc::new(config)).await?;
+            let scheduler = create_scheduler::<Never, Closed>(cluster, Arc::new(config)).await?;
+            let jobs = SchedulerGrpcServer::new(scheduler.clone());
+            let endpoints = Arc::new(BallistaConfigGrpcEndpoint::new(trust.endpoints()));
+            let answers = BallistaFlightProxyService::new(MESSAGE, MESSAGE, trust.encrypts(), Some(endpoints));
+            let answers = FlightServiceServer::new(answers);
+            let mut routes = RoutesBuilder::default();
+            routes.add_service(jobs.max_decoding_message_size(MESSAGE).max_encoding_message_size(MESSAGE));
+            routes.add_service(answers.max_decoding_message_size(MESSAGE).max_encoding_message_size(MESSAGE));
+            let routes = get_routes(Arc::new(scheduler)).merge(routes.routes().into_axum_router());
+            let server = Server::builder().http2_keepalive_interval(Some(ALIVE)).add_routes(Routes::from(routes));
             tokio::select! {
-                served = start_grpc_service_with_listener(listener, server) => served,
+                served = server.serve_with_incoming(Door::by_handshake(listener, encryption).open()) => {
+                    served.map_err(BallistaError::TonicError)
+                }
                 () = told_to_stop() => Ok(()),
             }
         };

@@ -250,7 +250,7 @@ impl ExecutionPlan for Units {
 }
 
 /// What begins our node among the messages of a plan: no message of Ballista begins with a zero.
-const MARK: &str = "\0magline ";
+pub const MARK: &str = "\0magline ";
 
 /// Our node beside those of Ballista.
 ///

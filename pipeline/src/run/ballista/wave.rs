@@ -183,7 +183,9 @@ impl<'a> Handing<'a> {
                 }
                 self.seen = seen;
             }
-            Err(why @ Trouble::Other(_)) => return Some(why.fault(&self.engine.scheduler.authority)),
+            Err(why @ (Trouble::Other(_) | Trouble::Stranger)) => {
+                return Some(why.fault(&self.engine.scheduler.authority));
+            }
             Err(Trouble::Silent(why)) => {
                 self.seen.cores = 0;
                 self.trouble = why;
@@ -245,7 +247,7 @@ impl<'a> Handing<'a> {
             let (number, tell) = (self.number, tell.clone());
             let now = Instant::now();
             self.jobs.insert(number, Job { tasks, begun: now, looked: now, there: false, idle: None });
-            let made = job(self.engine.scheduler.url(), self.engine.session.clone(), self.name(number), vec![handed]);
+            let made = job(self.engine.scheduler.place(), self.engine.session.clone(), self.name(number), vec![handed]);
             self.engine.runtime.spawn(async move {
                 // Nobody listens after an interrupt.
                 let _ = tell.send((number, made.await.map_err(|e| e.to_string())));

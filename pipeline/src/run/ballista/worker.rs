@@ -3,9 +3,10 @@
 //! on to report to the scheduler.
 
 use std::{
-    fs,
+    fs::{self, DirBuilder},
     net::{IpAddr, SocketAddr, TcpListener},
-    path::PathBuf,
+    os::unix::fs::DirBuilderExt,
+    path::{Path, PathBuf},
     sync::{
         Arc, Condvar, Mutex, MutexGuard, OnceLock, PoisonError,
         atomic::{AtomicBool, Ordering},
@@ -14,17 +15,18 @@ use std::{
     time::{Duration, Instant},
 };
 
-use ballista_executor::executor_process::{ExecutorProcessConfig, start_executor_process};
 use nix::sys::signal::{Signal, raise};
 use schemas::Fault;
 use uuid::Uuid;
 
 use super::{
     client::{Scheduler, Trouble, named},
+    executor::Executor,
+    key::Trust,
     runtime,
     scheduler::name_of,
     told_to_stop,
-    units::{Answered, COMPUTE, Codec, Compute, Handed},
+    units::{Answered, COMPUTE, Compute, Handed},
 };
 use crate::{
     run::{
@@ -67,6 +69,8 @@ pub struct Config {
     pub advertise: Option<String>,
     /// The time between two reports to the scheduler.
     pub heartbeat: Duration,
+    /// How scheduler and worker know each other.
+    pub trust: Trust,
 }
 
 /// Why a worker ended.
@@ -100,15 +104,20 @@ fn leave(why: Fault, after: Duration) {
 /// # Errors
 /// Fails when the scheduler is another version, cannot reach this worker, or a port or folder is not to be had.
 pub fn work(config: &Config, hear: Hear) -> Result<Ended, Fault> {
-    let scheduler = Scheduler::at(&format!("{}:{}", config.host, config.port));
+    config.trust.admits(config.bind)?;
+    let scheduler = Scheduler::at(&format!("{}:{}", config.host, config.port), &config.trust)?;
     let name = named(&format!("{}-{}-{}", kernel(), std::process::id(), short()));
     let crew = Crew::new(config, name.clone(), scheduler.authority.clone(), hear);
     if COMPUTE.set(Box::new(crew.clone())).is_err() {
         return Err(Fault::bug("two workers in one process"));
     }
     let own = config.work.join(format!("magline-worker-{}-{}", std::process::id(), short()));
-    fs::create_dir_all(&own).map_err(|e| Fault::machine(format!("cannot make the folder {}: {e}", own.display())))?;
-    let ended = crew.attended(&scheduler, || executed(config, name, &own.display().to_string()));
+    DirBuilder::new()
+        .recursive(true)
+        .mode(0o700)
+        .create(&own)
+        .map_err(|e| Fault::machine(format!("cannot make the folder {}: {e}", own.display())))?;
+    let ended = crew.attended(&scheduler, || executed(config, name, &own));
     // Receipts that were fetched; what stays is in a folder for such things.
     let _ = fs::remove_dir_all(&own);
     match (AT_ODDS.get(), ended) {
@@ -121,35 +130,27 @@ fn short() -> String {
     Uuid::new_v4().simple().to_string().chars().take(8).collect()
 }
 
-fn executed(config: &Config, name: String, folder: &str) -> Result<Ended, Fault> {
-    let (port, grpc_port) = ports(config)?;
-    let bound = SocketAddr::new(config.bind, port);
-    let own = config.advertise.clone().unwrap_or_else(|| name_of(bound));
-    let bind_host = if config.bind.is_ipv6() { format!("[{}]", config.bind) } else { config.bind.to_string() };
-    let executor = ExecutorProcessConfig {
-        executor_id: name,
-        scheduler_host: config.host.clone(),
-        scheduler_port: config.port,
-        scheduler_connect_timeout_seconds: 60,
-        bind_host,
-        external_host: Some(own.clone()),
-        port,
-        grpc_port,
-        vcores: config.cores,
-        work_dir: Some(folder.to_owned()),
-        job_data_clean_up_interval_seconds: 600,
-        job_data_ttl_seconds: 3600,
-        executor_heartbeat_interval_seconds: config.heartbeat.as_secs().max(1),
-        memory_pool_size: Some(0),
-        override_physical_codec: Some(Arc::new(Codec::of_worker())),
-        ..ExecutorProcessConfig::default()
+fn executed(config: &Config, name: String, folder: &Path) -> Result<Ended, Fault> {
+    let listeners = listeners(config)?;
+    let port = |listener: &TcpListener| listener.local_addr().map_or(0, |a| a.port());
+    let ports = (port(&listeners.0), port(&listeners.1));
+    let own = config.advertise.clone().unwrap_or_else(|| name_of(SocketAddr::new(config.bind, ports.0)));
+    let executor = Executor {
+        id: name,
+        scheduler: format!("{}:{}", config.host, config.port),
+        trust: config.trust.clone(),
+        host: own.clone(),
+        listeners,
+        cores: config.cores,
+        work: folder.to_owned(),
+        heartbeat: config.heartbeat.max(Duration::from_secs(1)),
     };
     let ended = runtime()?.block_on(async {
         tokio::spawn(async {
             told_to_stop().await;
             INTERRUPTED.store(true, Ordering::SeqCst);
         });
-        start_executor_process(Arc::new(executor)).await
+        executor.run().await
     });
     match ended {
         Ok(()) if INTERRUPTED.load(Ordering::SeqCst) => Ok(Ended::Told),
@@ -157,24 +158,26 @@ fn executed(config: &Config, name: String, folder: &str) -> Result<Ended, Fault>
         Err(e) => {
             let what = format!("the scheduler at {}:{} does not take this worker: {e}", config.host, config.port);
             Err(Fault::machine(what).help(format!(
-                "it reaches this worker at {own}, ports {port} and {grpc_port}: `--bind`, `--port` and `--advertise` name others"
+                "it reaches this worker at {own}, ports {} and {}: `--bind`, `--port` and `--advertise` name others",
+                ports.0, ports.1
             )))
         }
     }
 }
 
 /// Two ports: those that were asked for, or two that are free.
-fn ports(config: &Config) -> Result<(u16, u16), Fault> {
-    if config.ports > 0 {
-        let next = config.ports.checked_add(1).ok_or_else(|| Fault::new("there is no port after 65535"))?;
-        return Ok((config.ports, next));
-    }
+fn listeners(config: &Config) -> Result<(TcpListener, TcpListener), Fault> {
+    let next = match config.ports {
+        0 => 0,
+        port => port.checked_add(1).ok_or_else(|| Fault::new("there is no port after 65535"))?,
+    };
+    let listen = |port: u16| {
+        let listener = TcpListener::bind((config.bind, port))?;
+        listener.set_nonblocking(true)?;
+        Ok(listener)
+    };
     let fail = |e: std::io::Error| Fault::machine(format!("cannot listen on {}: {e}", config.bind));
-    let free = || TcpListener::bind((config.bind, 0)).map_err(fail);
-    let port = |listener: &TcpListener| listener.local_addr().map(|a| a.port()).map_err(fail);
-    // Both are held until both are known, so that they differ.
-    let (one, other) = (free()?, free()?);
-    Ok((port(&one)?, port(&other)?))
+    Ok((listen(config.ports).map_err(fail)?, listen(next).map_err(fail)?))
 }
 
 /// Worker processes, at most one for each core.

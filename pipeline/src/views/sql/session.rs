@@ -21,7 +21,7 @@ use schemas::Fault;
 
 use super::{
     explain, functions, refuse,
-    tables::{self, Known},
+    tables::{self, Known, Pins},
 };
 
 /// The published tables of a store at the moment it was opened: what a run publishes afterwards is not seen.
@@ -39,6 +39,14 @@ impl Session {
     /// # Errors
     /// Fails when the store cannot be read.
     pub fn new(store: &Path, memory: usize, spill: &Path) -> Result<Session, Fault> {
+        Session::at(store, memory, spill, None)
+    }
+
+    /// The same with the tables of these versions.
+    ///
+    /// # Errors
+    /// Fails when the store cannot be read, or a version is not there any more.
+    pub fn at(store: &Path, memory: usize, spill: &Path, pins: Option<&Pins>) -> Result<Session, Fault> {
         let pool: Arc<dyn MemoryPool> = Arc::new(FairSpillPool::new(memory));
         let disk = DiskManagerBuilder::default().with_mode(DiskManagerMode::Directories(vec![spill.to_owned()]));
         let runtime = RuntimeEnvBuilder::new()
@@ -49,7 +57,7 @@ impl Session {
             .map_err(|e| Fault::machine(e.to_string()))?;
         let context = SessionContext::new_with_config_rt(SessionConfig::new().with_information_schema(true), runtime);
         functions::register(&context);
-        let known = tables::register(&context, store)?;
+        let known = tables::register(&context, store, pins)?;
         Ok(Session { context, known, pool, store: store.to_owned(), memory })
     }
 
@@ -98,6 +106,12 @@ impl Session {
     /// The tables that there are.
     pub fn known(&self) -> &Known {
         &self.known
+    }
+
+    /// The versions of the tables.
+    #[cfg_attr(not(feature = "serve"), allow(dead_code))]
+    pub fn pins(&self) -> &Pins {
+        &self.known.pins
     }
 
     /// DataFusion's own session.

@@ -1,7 +1,7 @@
 //! The tables of a store as DataFusion sees them: read-only, each opened when a query names it, and with no way to any
 //! other file.
 
-use std::{path::Path, sync::Arc};
+use std::{collections::BTreeMap, path::Path, sync::Arc};
 
 use async_trait::async_trait;
 use datafusion::{
@@ -18,9 +18,14 @@ use url::Url;
 use super::scan::{Published, Unreadable};
 use crate::store::{Objects, Version, current};
 
+/// The version of each pipeline: its number, and the checksum of its manifest.
+pub type Pins = BTreeMap<String, (u64, String)>;
+
 /// What there is to ask.
 #[derive(Debug, Default)]
 pub struct Known {
+    /// The versions of the tables.
+    pub pins: Pins,
     /// The tables, as `pipeline.table`.
     pub tables: Vec<String>,
     /// Those that are links to somewhere else, which are not read.
@@ -77,11 +82,11 @@ impl SchemaProvider for Pipeline {
     }
 }
 
-/// Makes every table of the store at `root` known.
+/// Makes every table of the store at `root` known, in the versions `pins` or else in those of now.
 ///
 /// # Errors
-/// Fails when the store cannot be read.
-pub fn register(context: &SessionContext, root: &Path) -> Result<Known, Fault> {
+/// Fails when the store cannot be read, or one of these versions is not there any more.
+pub fn register(context: &SessionContext, root: &Path, pins: Option<&Pins>) -> Result<Known, Fault> {
     let mut known = Known::default();
     let Ok(root) = root.canonicalize() else { return Ok(known) };
     let fail = |e: &dyn std::fmt::Display| Fault::machine(format!("cannot read the store's {}: {e}", root.display()));
@@ -92,13 +97,27 @@ pub fn register(context: &SessionContext, root: &Path) -> Result<Known, Fault> {
         let leads_out: Vec<String> =
             names(&folder).into_iter().filter(|table| leads_out(&folder.join(table), &root)).collect();
         known.elsewhere.extend(leads_out.iter().map(|table| format!("{pipeline}.{table}")));
-        let Some(version) = current(&root, &pipeline) else { continue };
+        let version = match pins {
+            None => current(&root, &pipeline),
+            Some(pins) => pins.get(&pipeline).map(|pin| pinned(&root, &pipeline, pin)).transpose()?,
+        };
+        let Some(version) = version else { continue };
+        known.pins.insert(pipeline.clone(), (version.number, version.manifest.sum().to_owned()));
         let one = Pipeline { objects: objects.clone(), version, elsewhere: leads_out };
         known.tables.extend(one.table_names().into_iter().map(|table| format!("{pipeline}.{table}")));
         catalog.register_schema(&pipeline, Arc::new(one)).map_err(|e| fail(&e))?;
     }
     known.tables.sort();
     Ok(known)
+}
+
+/// The version of a pipeline that was current at an earlier moment.
+fn pinned(root: &Path, pipeline: &str, (number, sum): &(u64, String)) -> Result<Version, Fault> {
+    let version = Version::open(&root.join("versions").join(pipeline).join(number.to_string()));
+    version.filter(|version| version.manifest.sum() == sum).ok_or_else(|| {
+        let what = format!("the tables of `{pipeline}` that the query was planned over are not there any more");
+        Fault::machine(what).help("ask again: it is then planned over those of now")
+    })
 }
 
 /// Whether a table's folder, or a file in it, is a link to somewhere outside of `root`.

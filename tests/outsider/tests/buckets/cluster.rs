@@ -9,7 +9,7 @@ use std::{
 use serde_json::Value;
 
 use crate::{
-    cluster_support::{Cluster, until},
+    cluster_support::{Cluster, KEY_FILE, until},
     lab::{Done, Lab, SPEC, address, assert_same, ended, tables},
     server::{Fault, USERS},
 };
@@ -31,7 +31,7 @@ fn cluster(lab: &Lab) -> Cluster {
 }
 
 fn ran(lab: &Lab, cluster: &Cluster, cache: &Path) -> Done {
-    lab.run(&address("one"), cache, &["--engine", &cluster.engine()])
+    lab.run(&address("one"), cache, &["--engine", &cluster.engine(), "--key-file", KEY_FILE])
 }
 
 /// How often each unit was computed, by the receipts of the workers.
@@ -89,7 +89,7 @@ fn user_a_worker_that_is_killed_at_a_write_to_the_bucket_costs_what_it_had_at_ha
         Fault::None
     });
     let cache = lab.cache();
-    let run = lab.begun(&address("one"), USERS[0], &cache, &["--engine", &cluster.engine()]);
+    let run = lab.begun(&address("one"), USERS[0], &cache, &["--engine", &cluster.engine(), "--key-file", KEY_FILE]);
     let lost = received(&told);
     cluster.kill(usize::from(lost == USERS[2]));
     let run = ended(run);

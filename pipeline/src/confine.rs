@@ -1,0 +1,72 @@
+//! Processes of this program that compute what strangers ask for: their memory is limited by the kernel, so that what one of
+//! them takes ends it alone.
+
+use std::{
+    fs,
+    os::unix::process::ExitStatusExt,
+    process::{Command, ExitStatus},
+};
+
+use nix::sys::resource::{Resource, getrlimit, setrlimit};
+use schemas::Fault;
+
+/// The variable by which mimalloc takes memory from the system as it is needed, so that it counts as it is used.
+const LAZY: (&str, &str) = ("MIMALLOC_ARENA_EAGER_COMMIT", "0");
+
+/// This program again, for a process whose memory will be limited.
+///
+/// # Errors
+/// Fails when this program cannot be found.
+pub fn command(program: &std::path::Path) -> Command {
+    let mut command = Command::new(program);
+    command.env(LAZY.0, LAZY.1);
+    command
+}
+
+/// Limits the memory of this process to what it has by now and `bytes` more. An allocation beyond that ends it.
+///
+/// # Errors
+/// Fails when the system refuses.
+pub fn limit_memory(bytes: usize) -> Result<(), Fault> {
+    let refused = |e: nix::errno::Errno| Fault::machine(format!("cannot limit the memory of a process: {e}"));
+    let (_, hard) = getrlimit(Resource::RLIMIT_DATA).map_err(refused)?;
+    let most = (of_status("self", "VmData:").unwrap_or(0) as u64).saturating_add(bytes as u64).min(hard);
+    setrlimit(Resource::RLIMIT_DATA, most, hard).map_err(refused)
+}
+
+/// The bytes of memory that a process uses by itself, without those of files.
+pub fn used(process: u32) -> Option<usize> {
+    of_status(&process.to_string(), "RssAnon:")
+}
+
+fn of_status(process: &str, key: &str) -> Option<usize> {
+    let status = fs::read_to_string(format!("/proc/{process}/status")).ok()?;
+    let value = status.lines().find_map(|line| line.strip_prefix(key))?;
+    value.trim().trim_end_matches("kB").trim().parse::<usize>().ok().map(|kib| kib << 10)
+}
+
+/// Whether a process ended because it had no memory left: an allocation that fails aborts it, and the kernel kills it where
+/// there is none in the machine.
+pub fn ran_out(status: ExitStatus) -> bool {
+    matches!(status.signal(), Some(libc_signal::ABORT | libc_signal::SEGV | libc_signal::KILL))
+}
+
+mod libc_signal {
+    use nix::sys::signal::Signal;
+
+    pub const ABORT: i32 = Signal::SIGABRT as i32;
+    pub const SEGV: i32 = Signal::SIGSEGV as i32;
+    pub const KILL: i32 = Signal::SIGKILL as i32;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn unit_the_memory_of_a_process_is_known() {
+        let here = used(std::process::id());
+        assert!(here.is_none_or(|bytes| bytes > 1 << 16));
+        assert_eq!(used(u32::MAX), None);
+    }
+}

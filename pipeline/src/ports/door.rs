@@ -1,0 +1,368 @@
+//! Connections to a port. A client that has not proven who it is has ten seconds, and gives way to the next one when there are
+//! too many: connections that say nothing cannot lock others out.
+
+use std::{
+    collections::BTreeMap,
+    io,
+    net::{IpAddr, SocketAddr},
+    pin::Pin,
+    sync::{
+        Arc, Mutex, MutexGuard, PoisonError,
+        atomic::{AtomicBool, Ordering},
+    },
+    task::{Context, Poll},
+    time::{Duration, Instant},
+};
+
+use futures::{Stream, future::FutureExt, stream};
+use nix::sys::resource::{Resource, getrlimit, setrlimit};
+use tokio::{
+    io::{AsyncRead, AsyncWrite, ReadBuf},
+    net::{TcpListener, TcpStream},
+    sync::{mpsc, oneshot},
+    time::{interval, sleep},
+};
+use tokio_rustls::{TlsAcceptor, rustls::ServerConfig, server::TlsStream};
+use tonic::transport::server::Connected;
+
+/// The time that a client has to prove who it is.
+const PATIENCE: Duration = Duration::from_secs(10);
+/// The interval of looking for those whose time is over.
+const LOOKS_EVERY: Duration = Duration::from_millis(500);
+/// The pause after a connection that could not be accepted, such as for want of file descriptors.
+const AGAIN_AFTER: Duration = Duration::from_millis(50);
+/// The most connections of strangers, and of clients that have proven who they are.
+const MOST_STRANGERS: usize = 128;
+const MOST_KNOWN: usize = 1024;
+/// Connections that wait for a server to take them.
+const WAITING: usize = 16;
+
+/// What a port admits.
+#[derive(Clone, Copy, Debug)]
+struct Limits {
+    strangers: usize,
+    /// Strangers of one address.
+    of_address: usize,
+    known: usize,
+    patience: Duration,
+}
+
+impl Limits {
+    /// Those that so many file descriptors allow: half of them for connections.
+    fn of(descriptors: usize) -> Limits {
+        let strangers = (descriptors / 8).clamp(4, MOST_STRANGERS);
+        let known = (descriptors * 3 / 8).clamp(4, MOST_KNOWN);
+        Limits { strangers, of_address: (strangers / 2).max(2), known, patience: PATIENCE }
+    }
+
+    /// Those of this process, whose limit of file descriptors is raised as far as it may be.
+    fn of_process() -> Limits {
+        let (soft, hard) = getrlimit(Resource::RLIMIT_NOFILE).unwrap_or((256, 256));
+        let raised = setrlimit(Resource::RLIMIT_NOFILE, hard, hard).is_ok();
+        Limits::of(usize::try_from(if raised { hard } else { soft }).unwrap_or(usize::MAX / 8))
+    }
+}
+
+/// A stranger: where it is from, since when, and the way to show it out.
+struct Stranger {
+    address: IpAddr,
+    since: Instant,
+    out: oneshot::Sender<()>,
+}
+
+/// Who is connected.
+struct Book {
+    limits: Limits,
+    entries: Mutex<Entries>,
+}
+
+#[derive(Default)]
+struct Entries {
+    next: u64,
+    strangers: BTreeMap<u64, Stranger>,
+    known: usize,
+}
+
+impl Book {
+    fn entries(&self) -> MutexGuard<'_, Entries> {
+        self.entries.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Takes in a stranger; the oldest of the address with the most of them gives way where there are too many.
+    fn enter(self: &Arc<Book>, address: IpAddr) -> (Guest, oneshot::Receiver<()>) {
+        let (out, told) = oneshot::channel();
+        let mut entries = self.entries();
+        let mut of: BTreeMap<IpAddr, usize> = BTreeMap::new();
+        entries.strangers.values().for_each(|s| *of.entry(s.address).or_default() += 1);
+        let own = of.get(&address).copied().unwrap_or(0);
+        let crowd = match () {
+            () if own >= self.limits.of_address => Some(address),
+            () if entries.strangers.len() >= self.limits.strangers => {
+                of.into_iter().max_by_key(|(_, n)| *n).map(|(address, _)| address)
+            }
+            () => None,
+        };
+        // Numbers grow with time.
+        let oldest = crowd.and_then(|c| entries.strangers.iter().find(|(_, s)| s.address == c).map(|(n, _)| *n));
+        if let Some(stranger) = oldest.and_then(|n| entries.strangers.remove(&n)) {
+            let _ = stranger.out.send(());
+        }
+        entries.next += 1;
+        let number = entries.next;
+        entries.strangers.insert(number, Stranger { address, since: Instant::now(), out });
+        let about = About { number, book: self.clone(), known: AtomicBool::new(false) };
+        (Guest(Arc::new(about)), told)
+    }
+
+    /// Shows out those whose time is over.
+    fn sweep(&self) {
+        let mut entries = self.entries();
+        let late = |s: &Stranger| s.since.elapsed() > self.limits.patience;
+        let late: Vec<u64> = entries.strangers.iter().filter(|(_, s)| late(s)).map(|(n, _)| *n).collect();
+        for stranger in late.iter().filter_map(|n| entries.strangers.remove(n)).collect::<Vec<_>>() {
+            let _ = stranger.out.send(());
+        }
+    }
+}
+
+struct About {
+    number: u64,
+    book: Arc<Book>,
+    known: AtomicBool,
+}
+
+impl Drop for About {
+    fn drop(&mut self) {
+        let mut entries = self.book.entries();
+        entries.strangers.remove(&self.number);
+        entries.known -= usize::from(self.known.load(Ordering::Relaxed));
+    }
+}
+
+/// The client of a connection, among the extensions of its requests.
+#[derive(Clone)]
+pub struct Guest(Arc<About>);
+
+impl Guest {
+    /// The client has proven who it is, and may stay connected. False where too many do.
+    pub fn admit(&self) -> bool {
+        if self.0.known.load(Ordering::Relaxed) {
+            return true;
+        }
+        let mut entries = self.0.book.entries();
+        if entries.known >= self.0.book.limits.known {
+            return false;
+        }
+        if !self.0.known.swap(true, Ordering::Relaxed) {
+            entries.known += 1;
+            // Its sender is dropped: nobody shows it out any more.
+            entries.strangers.remove(&self.0.number);
+        }
+        true
+    }
+}
+
+/// A port that listens.
+pub struct Door {
+    listener: TcpListener,
+    encryption: Option<Arc<ServerConfig>>,
+    /// Whether the handshake of the encryption proves who a client is.
+    by_handshake: bool,
+    limits: Limits,
+}
+
+impl Door {
+    /// A port whose clients prove by their requests who they are: [`Guest::admit`].
+    #[cfg_attr(not(feature = "serve"), allow(dead_code))]
+    pub fn new(listener: TcpListener, encryption: Option<Arc<ServerConfig>>) -> Door {
+        Door { listener, encryption, by_handshake: false, limits: Limits::of_process() }
+    }
+
+    /// A port whose clients prove by their certificate who they are; without encryption all are taken at their word.
+    #[cfg_attr(not(feature = "cluster"), allow(dead_code))]
+    pub fn by_handshake(listener: TcpListener, encryption: Option<Arc<ServerConfig>>) -> Door {
+        Door { by_handshake: true, ..Door::new(listener, encryption) }
+    }
+
+    /// The address.
+    ///
+    /// # Errors
+    /// Fails when the system does not tell.
+    #[cfg_attr(not(feature = "serve"), allow(dead_code))]
+    pub fn address(&self) -> io::Result<SocketAddr> {
+        self.listener.local_addr()
+    }
+
+    /// The connections, as they come.
+    pub fn open(self) -> impl Stream<Item = io::Result<Connection>> {
+        let (send, connections) = mpsc::channel(WAITING);
+        tokio::spawn(self.accept(send));
+        stream::unfold(connections, |mut connections| async move {
+            let next: Connection = connections.recv().await?;
+            Some((Ok(next), connections))
+        })
+    }
+
+    async fn accept(self, send: mpsc::Sender<Connection>) {
+        let book = Arc::new(Book { limits: self.limits, entries: Mutex::default() });
+        let encryption = self.encryption.map(TlsAcceptor::from);
+        let mut looks = interval(LOOKS_EVERY);
+        loop {
+            let accepted = tokio::select! {
+                () = send.closed() => return,
+                _ = looks.tick() => {
+                    book.sweep();
+                    continue;
+                }
+                accepted = self.listener.accept() => accepted,
+            };
+            let Ok((plain, from)) = accepted else {
+                sleep(AGAIN_AFTER).await;
+                continue;
+            };
+            let _ = plain.set_nodelay(true);
+            let (guest, out) = book.enter(from.ip());
+            let (send, encryption, by_handshake) = (send.clone(), encryption.clone(), self.by_handshake);
+            tokio::spawn(async move {
+                if let Some(connection) = received(plain, encryption, guest, out, by_handshake).await {
+                    // A server that has ended takes none.
+                    let _ = send.send(connection).await;
+                }
+            });
+        }
+    }
+}
+
+/// A connection after its handshake; none where that fails or takes too long.
+async fn received(
+    plain: TcpStream,
+    encryption: Option<TlsAcceptor>,
+    guest: Guest,
+    mut out: oneshot::Receiver<()>,
+    by_handshake: bool,
+) -> Option<Connection> {
+    let bytes = match encryption {
+        None => Bytes::Plain(plain),
+        Some(encryption) => tokio::select! {
+            _ = &mut out => return None,
+            encrypted = encryption.accept(plain) => Bytes::Encrypted(Box::new(encrypted.ok()?)),
+        },
+    };
+    (!by_handshake || guest.admit()).then_some(Connection { bytes, guest, out: Some(out) })
+}
+
+enum Bytes {
+    Plain(TcpStream),
+    Encrypted(Box<TlsStream<TcpStream>>),
+}
+
+/// A connection. Once its client is shown out, nothing can be read from it.
+pub struct Connection {
+    bytes: Bytes,
+    guest: Guest,
+    out: Option<oneshot::Receiver<()>>,
+}
+
+impl Connected for Connection {
+    type ConnectInfo = Guest;
+
+    fn connect_info(&self) -> Guest {
+        self.guest.clone()
+    }
+}
+
+impl AsyncRead for Connection {
+    fn poll_read(mut self: Pin<&mut Self>, cx: &mut Context<'_>, buffer: &mut ReadBuf<'_>) -> Poll<io::Result<()>> {
+        match self.out.as_mut().map(|out| out.poll_unpin(cx)) {
+            Some(Poll::Ready(Ok(()))) => return Poll::Ready(Err(io::ErrorKind::TimedOut.into())),
+            Some(Poll::Ready(Err(_))) => self.out = None,
+            Some(Poll::Pending) | None => {}
+        }
+        match &mut self.bytes {
+            Bytes::Plain(bytes) => Pin::new(bytes).poll_read(cx, buffer),
+            Bytes::Encrypted(bytes) => Pin::new(bytes).poll_read(cx, buffer),
+        }
+    }
+}
+
+impl AsyncWrite for Connection {
+    fn poll_write(mut self: Pin<&mut Self>, cx: &mut Context<'_>, data: &[u8]) -> Poll<io::Result<usize>> {
+        match &mut self.bytes {
+            Bytes::Plain(bytes) => Pin::new(bytes).poll_write(cx, data),
+            Bytes::Encrypted(bytes) => Pin::new(bytes).poll_write(cx, data),
+        }
+    }
+
+    fn poll_flush(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<io::Result<()>> {
+        match &mut self.bytes {
+            Bytes::Plain(bytes) => Pin::new(bytes).poll_flush(cx),
+            Bytes::Encrypted(bytes) => Pin::new(bytes).poll_flush(cx),
+        }
+    }
+
+    fn poll_shutdown(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<io::Result<()>> {
+        match &mut self.bytes {
+            Bytes::Plain(bytes) => Pin::new(bytes).poll_shutdown(cx),
+            Bytes::Encrypted(bytes) => Pin::new(bytes).poll_shutdown(cx),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use std::net::Ipv4Addr;
+
+    use super::*;
+
+    fn book(patience: Duration) -> Arc<Book> {
+        let limits = Limits { strangers: 4, of_address: 2, known: 2, patience };
+        Arc::new(Book { limits, entries: Mutex::default() })
+    }
+
+    fn address(last: u8) -> IpAddr {
+        IpAddr::V4(Ipv4Addr::new(10, 0, 0, last))
+    }
+
+    #[test]
+    fn unit_strangers_give_way_to_the_next_one_and_known_clients_stay() {
+        let book = book(Duration::from_secs(3600));
+        let is_out = |told: &mut oneshot::Receiver<()>| told.try_recv() == Ok(());
+        let (known, mut known_told) = book.enter(address(1));
+        assert!(known.admit() && known.admit());
+        let mut guests: Vec<_> = (0..3).map(|_| book.enter(address(1))).collect();
+        let out: Vec<bool> = guests.iter_mut().map(|(_, told)| is_out(told)).collect();
+        assert_eq!(out, [true, false, false], "the oldest of an address with too many gives way");
+        // Another address is not concerned, until there are too many of all.
+        let mut others: Vec<_> = (2..5).map(|n| book.enter(address(n))).collect();
+        assert!(is_out(&mut guests[1].1) && others.iter_mut().all(|(_, told)| !is_out(told)));
+        assert!(!is_out(&mut known_told));
+        assert!(others[0].0.admit() && !others[1].0.admit(), "too many are known");
+        drop(known);
+        assert!(others[1].0.admit(), "one has left");
+        drop((guests, others));
+        let entries = book.entries();
+        assert!(entries.strangers.is_empty() && entries.known == 0);
+    }
+
+    #[test]
+    fn unit_a_stranger_has_its_time() {
+        let book = book(Duration::ZERO);
+        let (stranger, mut told) = book.enter(address(1));
+        let (known, mut known_told) = book.enter(address(2));
+        known.admit();
+        std::thread::sleep(Duration::from_millis(2));
+        book.sweep();
+        assert!(told.try_recv() == Ok(()) && known_told.try_recv() != Ok(()));
+        drop(stranger);
+    }
+
+    #[test]
+    fn unit_connections_take_half_of_the_file_descriptors() {
+        for descriptors in [64, 256, 1024, 1 << 20] {
+            let Limits { strangers, known, of_address, .. } = Limits::of(descriptors);
+            assert!(strangers + known <= descriptors / 2 && of_address <= strangers, "{descriptors}");
+        }
+    }
+}

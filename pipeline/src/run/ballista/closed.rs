@@ -1,0 +1,131 @@
+//! The plans that a cluster takes: tasks of magline as rows in memory, the node that computes them, and the writer of its
+//! answers. Nothing else is made into a plan: no file is read or written, no function is called.
+//!
+//! The check is on the message of a plan, before any node of it is made.
+
+use std::sync::Arc;
+
+use ballista_core::serde::protobuf::{
+    BallistaPhysicalPlanNode, ballista_physical_plan_node::PhysicalPlanType as Ballista,
+};
+use datafusion::{
+    common::exec_err,
+    error::{DataFusionError, Result},
+    execution::TaskContext,
+    logical_expr::LogicalPlan,
+    physical_plan::ExecutionPlan,
+};
+use datafusion_proto::{
+    logical_plan::{AsLogicalPlan, LogicalExtensionCodec},
+    physical_plan::{AsExecutionPlan, PhysicalExtensionCodec},
+    protobuf::{
+        MemoryScanExecNode, PhysicalExtensionNode, PhysicalPlanNode, physical_plan_node::PhysicalPlanType as Node,
+    },
+};
+use prost::{Message, bytes::BufMut};
+
+use super::units::MARK;
+
+/// The longest name of a job.
+const LONGEST_NAME: usize = 64;
+
+/// The physical plan of a job, or of a task of it.
+#[derive(Clone, Debug)]
+pub struct Closed(PhysicalPlanNode);
+
+/// A logical plan: there are none.
+#[derive(Clone, Debug)]
+pub struct Never;
+
+/// Whether this is the name of a job, of which the name of a folder is made.
+pub fn names_a_job(name: &str) -> bool {
+    let plain = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
+    !name.is_empty() && name.len() <= LONGEST_NAME && name.chars().all(plain)
+}
+
+fn refused<T>(what: &str) -> Result<T> {
+    exec_err!("this cluster computes tasks of magline and nothing else: {what}")
+}
+
+fn single(node: &PhysicalExtensionNode) -> Result<Option<&Node>> {
+    match node.inputs.as_slice() {
+        [input] => Ok(input.physical_plan_type.as_ref()),
+        _ => refused("a node of the plan has not one input"),
+    }
+}
+
+/// Checks a whole plan.
+fn check(plan: &PhysicalPlanNode) -> Result<()> {
+    let Some(Node::Extension(node)) = &plan.physical_plan_type else {
+        return refused("the plan has a node that is not magline's");
+    };
+    if node.node.starts_with(MARK.as_bytes()) {
+        return units(node);
+    }
+    let writer = match BallistaPhysicalPlanNode::decode(node.node.as_slice()).ok().and_then(|n| n.physical_plan_type) {
+        Some(Ballista::ShuffleWriter(writer)) => writer,
+        _ => return refused("the plan has a node that is not magline's"),
+    };
+    if !names_a_job(&writer.job_id) || writer.input.is_some() || writer.output_partitioning.is_some() {
+        return refused("the writer of the answers is not one of a task");
+    }
+    match single(node)? {
+        Some(Node::Extension(input)) if input.node.starts_with(MARK.as_bytes()) => units(input),
+        _ => refused("what is written are no answers of magline"),
+    }
+}
+
+/// Checks magline's node, above rows in memory.
+fn units(node: &PhysicalExtensionNode) -> Result<()> {
+    match single(node)? {
+        Some(Node::MemoryScan(MemoryScanExecNode { sort_information, fetch: None, .. }))
+            if sort_information.is_empty() =>
+        {
+            Ok(())
+        }
+        _ => refused("the tasks are not rows in memory"),
+    }
+}
+
+impl AsExecutionPlan for Closed {
+    fn try_decode(bytes: &[u8]) -> Result<Closed> {
+        let plan = PhysicalPlanNode::decode(bytes);
+        let plan = plan.map_err(|e| DataFusionError::Execution(format!("a plan that cannot be read: {e}")))?;
+        check(&plan)?;
+        Ok(Closed(plan))
+    }
+
+    fn try_encode<B: BufMut>(&self, buffer: &mut B) -> Result<()> {
+        self.0.try_encode(buffer)
+    }
+
+    fn try_into_physical_plan(
+        &self,
+        context: &TaskContext,
+        codec: &dyn PhysicalExtensionCodec,
+    ) -> Result<Arc<dyn ExecutionPlan>> {
+        self.0.try_into_physical_plan(context, codec)
+    }
+
+    fn try_from_physical_plan(plan: Arc<dyn ExecutionPlan>, codec: &dyn PhysicalExtensionCodec) -> Result<Closed> {
+        PhysicalPlanNode::try_from_physical_plan(plan, codec).map(Closed)
+    }
+}
+
+impl AsLogicalPlan for Never {
+    fn try_decode(_: &[u8]) -> Result<Never> {
+        refused("it takes no queries")
+    }
+
+    fn try_encode<B: BufMut>(&self, _: &mut B) -> Result<()> {
+        refused("it takes no queries")
+    }
+
+    fn try_into_logical_plan(&self, _: &TaskContext, _: &dyn LogicalExtensionCodec) -> Result<LogicalPlan> {
+        refused("it takes no queries")
+    }
+
+    fn try_from_logical_plan(_: &LogicalPlan, _: &dyn LogicalExtensionCodec) -> Result<Never> {
+        refused("it takes no queries")
+    }
+}

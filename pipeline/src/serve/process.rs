@@ -1,0 +1,301 @@
+//! Queries as processes: a query that takes too long or too much memory is ended by the kernel, and takes nothing else with it.
+
+use std::{
+    collections::BTreeMap,
+    io::{BufReader, Write},
+    path::PathBuf,
+    process::{Child, Stdio},
+    sync::{
+        Arc, Mutex, MutexGuard, PoisonError,
+        atomic::{AtomicU64, AtomicUsize, Ordering},
+    },
+    time::Duration,
+};
+
+use nix::{
+    sys::signal::{Signal, kill},
+    unistd::Pid,
+};
+use tokio::{
+    runtime::Handle,
+    sync::{OwnedSemaphorePermit, Semaphore, oneshot},
+    time::{Instant, interval, sleep_until, timeout_at},
+};
+use tonic::Status;
+
+use super::{
+    Settings,
+    child::{BESIDE, Head, Piece, Question, Refusal},
+    spool::{Reader, Spool},
+};
+use crate::{
+    confine,
+    views::sql::{Pins, memory},
+};
+
+/// The interval of looking at the memory of a query.
+const LOOKS_EVERY: Duration = Duration::from_millis(20);
+/// Memory of a process by itself: its program, its threads.
+const OWN: usize = 64 << 20;
+/// Queries that wait for their turn; more are refused at once.
+const MOST_WAITING: usize = 256;
+
+/// A query as it is asked: text, values of parameters, versions of the tables.
+#[derive(Clone)]
+pub struct Asked {
+    /// The query.
+    pub query: String,
+    /// One batch, as an IPC stream in base64.
+    pub parameters: Option<String>,
+    /// The versions of the tables; those of now where there are none.
+    pub pins: Option<Pins>,
+}
+
+/// All processes.
+#[derive(Clone)]
+pub struct Processes(Arc<Inner>);
+
+struct Inner {
+    program: PathBuf,
+    store: PathBuf,
+    spill: PathBuf,
+    memory: usize,
+    at_most: usize,
+    timeout: Duration,
+    at_once: Arc<Semaphore>,
+    waiting: AtomicUsize,
+    next: AtomicU64,
+    running: Mutex<BTreeMap<u64, Running>>,
+    runtime: Handle,
+}
+
+/// A process that runs.
+struct Running {
+    process: u32,
+    bytes: usize,
+    /// Why it was ended.
+    ended: Option<Status>,
+}
+
+/// Waits among others.
+struct Turn<'a>(&'a AtomicUsize);
+
+impl Drop for Turn<'_> {
+    fn drop(&mut self) {
+        self.0.fetch_sub(1, Ordering::Relaxed);
+    }
+}
+
+impl Processes {
+    /// None yet.
+    pub fn new(settings: &Settings, runtime: Handle) -> Processes {
+        Processes(Arc::new(Inner {
+            program: settings.program.clone(),
+            store: settings.store.clone(),
+            spill: settings.spill.clone(),
+            memory: settings.memory,
+            at_most: settings.queries.max(1),
+            timeout: settings.timeout,
+            at_once: Arc::new(Semaphore::new(settings.queries.max(1))),
+            waiting: AtomicUsize::new(0),
+            next: AtomicU64::new(1),
+            running: Mutex::default(),
+            runtime,
+        }))
+    }
+
+    fn running(&self) -> MutexGuard<'_, BTreeMap<u64, Running>> {
+        self.0.running.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn late(&self) -> Status {
+        Status::deadline_exceeded(format!("the query took longer than {} s", self.0.timeout.as_secs()))
+    }
+
+    fn too_much(&self, share: usize) -> Status {
+        Status::invalid_argument(format!(
+            "error: the query needs more memory than the {} that it may take\n  help: ask for fewer rows or columns, or \
+             serve with a larger `--memory-limit`",
+            memory::shown(share)
+        ))
+    }
+
+    /// The columns of a query.
+    ///
+    /// # Errors
+    /// Fails when the query is wrong, does anything but ask, or takes too long or too much.
+    pub async fn plan(&self, asked: Asked) -> Result<Head, Status> {
+        Ok(self.begin(asked, false).await?.0)
+    }
+
+    /// The columns of a query, and its rows as they come.
+    ///
+    /// # Errors
+    /// As [`Processes::plan`].
+    pub async fn answer(&self, asked: Asked) -> Result<(Head, Reader), Status> {
+        self.begin(asked, true).await
+    }
+
+    async fn begin(&self, asked: Asked, rows: bool) -> Result<(Head, Reader), Status> {
+        let deadline = Instant::now() + self.0.timeout;
+        let permit = self.place(deadline).await?;
+        let spool = Spool::default();
+        let reader = spool.reader();
+        let (tell, head) = oneshot::channel();
+        let (this, number) = (self.clone(), self.0.next.fetch_add(1, Ordering::Relaxed));
+        let (own, question) = (spool.clone(), self.question(asked, rows));
+        self.0.runtime.spawn_blocking(move || {
+            let end = this.computed(number, &question, &own, tell);
+            // Others may compute while a slow client reads.
+            drop(permit);
+            own.end(end);
+        });
+        self.0.runtime.spawn(self.clone().watch(number, spool, deadline));
+        match head.await {
+            Ok(head) => Ok((head, reader)),
+            // It ended before: its end says why.
+            Err(_) => match reader.next().await {
+                Some(Err(why)) => Err(why),
+                Some(Ok(_)) | None => Err(Status::internal("the query ended without an answer")),
+            },
+        }
+    }
+
+    /// A place among the queries that are computed at once.
+    async fn place(&self, deadline: Instant) -> Result<OwnedSemaphorePermit, Status> {
+        let busy = || Status::resource_exhausted("too many queries are under way: ask again later");
+        let before = self.0.waiting.fetch_add(1, Ordering::Relaxed);
+        let _turn = Turn(&self.0.waiting);
+        if before >= MOST_WAITING {
+            return Err(busy());
+        }
+        let permit = timeout_at(deadline, self.0.at_once.clone().acquire_owned()).await.map_err(|_| busy())?;
+        permit.map_err(|_| Status::unavailable("the server ends"))
+    }
+
+    fn question(&self, asked: Asked, rows: bool) -> Question {
+        let at_once = (self.running().len() + 1).min(self.0.at_most);
+        let memory = self.0.memory / at_once;
+        Question {
+            store: self.0.store.clone(),
+            spill: self.0.spill.clone(),
+            memory,
+            most: memory + BESIDE,
+            query: asked.query,
+            parameters: asked.parameters,
+            pins: asked.pins,
+            rows,
+        }
+    }
+
+    /// Runs the process of a question to its end.
+    fn computed(
+        &self,
+        number: u64,
+        question: &Question,
+        spool: &Spool,
+        tell: oneshot::Sender<Head>,
+    ) -> Result<(), Status> {
+        let machine = |e: std::io::Error| Status::internal(format!("cannot start the process of a query: {e}"));
+        let mut command = confine::command(&self.0.program);
+        command.arg(COMMAND).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::null());
+        let mut child = command.spawn().map_err(machine)?;
+        self.running().insert(number, Running { process: child.id(), bytes: 0, ended: None });
+        let read = self.read(&mut child, question, spool, tell);
+        // From here on nobody sends it a signal: its number may be another's once it was waited for.
+        let ended = self.running().remove(&number).and_then(|running| running.ended);
+        let _ = child.kill();
+        let status = child.wait();
+        match (read, ended) {
+            (Some(end), None) => end,
+            (_, Some(why)) => Err(why),
+            (None, None) if status.as_ref().is_ok_and(|s| confine::ran_out(*s)) => Err(self.too_much(question.memory)),
+            (None, None) => Err(Status::internal("the query ended before its last row")),
+        }
+    }
+
+    /// Reads the answer of a process; none where it stops before its end.
+    fn read(
+        &self,
+        child: &mut Child,
+        question: &Question,
+        spool: &Spool,
+        tell: oneshot::Sender<Head>,
+    ) -> Option<Result<(), Status>> {
+        let (mut to, from) = (child.stdin.take()?, child.stdout.take()?);
+        to.write_all(&serde_json::to_vec(question).ok()?).ok()?;
+        drop(to);
+        let (mut from, mut tell) = (BufReader::new(from), Some(tell));
+        loop {
+            match Piece::read(&mut from)? {
+                Piece::Head(head) => drop(tell.take().map(|tell| tell.send(head))),
+                Piece::Rows(rows) => match spool.put(rows, &self.0.spill) {
+                    Ok(true) => {}
+                    Ok(false) => return Some(Err(Status::cancelled("the client has gone away"))),
+                    Err(e) => return Some(Err(Status::internal(format!("cannot keep an answer: {e}")))),
+                },
+                Piece::End => return Some(Ok(())),
+                Piece::Failed(Refusal { text, lasting: true }) => return Some(Err(Status::invalid_argument(text))),
+                Piece::Failed(Refusal { text, lasting: false }) => return Some(Err(Status::internal(text))),
+            }
+        }
+    }
+
+    /// Ends a query whose time is over, whose client has gone away, or which takes too much memory; and the answer of one
+    /// whose client is too slow.
+    async fn watch(self, number: u64, spool: Spool, deadline: Instant) {
+        let looked = async {
+            let mut looks = interval(LOOKS_EVERY);
+            loop {
+                looks.tick().await;
+                self.look(number);
+            }
+        };
+        let why = tokio::select! {
+            () = sleep_until(deadline) => self.late(),
+            () = spool.left() => Status::cancelled("the client has gone away"),
+            () = looked => return,
+        };
+        self.end_one(number, why.clone());
+        spool.cut(why);
+    }
+
+    fn look(&self, number: u64) {
+        let mut running = self.running();
+        let Some(one) = running.get_mut(&number) else { return };
+        one.bytes = confine::used(one.process).unwrap_or(0);
+        let own = one.bytes;
+        let all: usize = running.values().map(|r| r.bytes).sum();
+        let count = running.len();
+        let most = self.0.memory + count * (BESIDE + OWN);
+        let is_largest = running.values().all(|r| r.bytes <= own);
+        drop(running);
+        if own > self.0.memory + BESIDE + OWN || (all > most && is_largest) {
+            self.end_one(number, self.too_much(self.0.memory));
+        }
+    }
+
+    fn end_one(&self, number: u64, why: Status) {
+        if let Some(running) = self.running().get_mut(&number) {
+            running.ended.get_or_insert(why);
+            stop(running.process);
+        }
+    }
+
+    /// Ends all.
+    pub fn end(&self) {
+        self.0.at_once.close();
+        for running in self.running().values_mut() {
+            running.ended.get_or_insert(Status::unavailable("the server ends"));
+            stop(running.process);
+        }
+    }
+}
+
+fn stop(process: u32) {
+    // One that has ended needs no signal.
+    let _ = i32::try_from(process).map(|process| kill(Pid::from_raw(process), Signal::SIGKILL));
+}
+
+/// The command of this program that answers one query.
+pub const COMMAND: &str = "answer-query";

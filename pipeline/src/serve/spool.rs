@@ -1,0 +1,220 @@
+//! Pieces of an answer between the process that computes them and the client that takes them: a few in memory, more in a file
+//! without a name. So a client that reads slowly does not keep the place of the query that it asked.
+
+use std::{
+    collections::VecDeque,
+    fs::File,
+    io,
+    os::unix::fs::FileExt,
+    path::Path,
+    sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError},
+};
+
+use tokio::sync::Notify;
+use tonic::Status;
+
+/// Pieces that are kept in memory.
+const READY: usize = 2;
+/// The most bytes of an answer that wait in its file; beyond, the query waits for its client.
+const MOST: u64 = 256 << 20;
+
+/// A piece that waits.
+enum Waiting {
+    Memory(Vec<u8>),
+    File { at: u64, length: usize },
+}
+
+#[derive(Default)]
+struct State {
+    pieces: VecDeque<Waiting>,
+    file: Option<File>,
+    /// The end of the file.
+    written: u64,
+    end: Option<Result<(), Status>>,
+    /// The client has gone away.
+    gone: bool,
+}
+
+#[derive(Default)]
+struct Inner {
+    state: Mutex<State>,
+    room: Condvar,
+    news: Notify,
+    left: Notify,
+}
+
+/// The side of the process.
+#[derive(Clone, Default)]
+pub struct Spool(Arc<Inner>);
+
+/// The side of the client; the query is of no use when it is dropped.
+pub struct Reader(Arc<Inner>);
+
+impl Inner {
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Spool {
+    /// The side of the client.
+    pub fn reader(&self) -> Reader {
+        Reader(self.0.clone())
+    }
+
+    /// Takes a piece, and waits while too much waits for the client. False when nobody wants more.
+    ///
+    /// # Errors
+    /// Fails when the file cannot be written.
+    pub fn put(&self, piece: Vec<u8>, folder: &Path) -> io::Result<bool> {
+        let mut state = self.0.state();
+        while state.written >= MOST && !state.gone && state.end.is_none() {
+            state = self.0.room.wait(state).unwrap_or_else(PoisonError::into_inner);
+        }
+        if state.gone || state.end.is_some() {
+            return Ok(false);
+        }
+        if state.pieces.len() < READY {
+            state.pieces.push_back(Waiting::Memory(piece));
+        } else {
+            if state.file.is_none() {
+                state.file = Some(nameless(folder)?);
+            }
+            let (at, length) = (state.written, piece.len());
+            if let Some(file) = &state.file {
+                file.write_all_at(&piece, at)?;
+            }
+            state.written += length as u64;
+            state.pieces.push_back(Waiting::File { at, length });
+        }
+        drop(state);
+        self.0.news.notify_one();
+        Ok(true)
+    }
+
+    /// Ends the answer after its last piece; only the first end counts.
+    pub fn end(&self, end: Result<(), Status>) {
+        let mut state = self.0.state();
+        state.end.get_or_insert(end);
+        drop(state);
+        self.0.room.notify_all();
+        self.0.news.notify_one();
+    }
+
+    /// Ends the answer at once, without the pieces that wait.
+    pub fn cut(&self, why: Status) {
+        let mut state = self.0.state();
+        // A client that has everything but its end has it.
+        if !state.pieces.is_empty() || state.end.is_none() {
+            *state = State { end: Some(Err(why)), gone: state.gone, ..State::default() };
+        }
+        drop(state);
+        self.0.room.notify_all();
+        self.0.news.notify_one();
+    }
+
+    /// Comes to its end when the client has gone away.
+    pub async fn left(&self) {
+        loop {
+            let left = self.0.left.notified();
+            if self.0.state().gone {
+                return;
+            }
+            left.await;
+        }
+    }
+}
+
+/// A file in `folder` that only this process knows.
+fn nameless(folder: &Path) -> io::Result<File> {
+    let path = folder.join(format!("answer-{}", uuid::Uuid::new_v4().simple()));
+    let file = File::options().read(true).write(true).create_new(true).open(&path)?;
+    std::fs::remove_file(&path)?;
+    Ok(file)
+}
+
+impl Reader {
+    /// The next piece; none after the last one.
+    ///
+    /// # Errors
+    /// Fails when the answer stopped before its end.
+    pub async fn next(&self) -> Option<Result<Vec<u8>, Status>> {
+        loop {
+            let news = self.0.news.notified();
+            if let Some(piece) = self.taken() {
+                return piece;
+            }
+            news.await;
+        }
+    }
+
+    fn taken(&self) -> Option<Option<Result<Vec<u8>, Status>>> {
+        let mut state = self.0.state();
+        match state.pieces.pop_front() {
+            Some(Waiting::Memory(piece)) => Some(Some(Ok(piece))),
+            Some(Waiting::File { at, length }) => {
+                let mut piece = vec![0; length];
+                let read = state.file.as_ref().map_or(Ok(()), |file| file.read_exact_at(&mut piece, at));
+                if !state.pieces.iter().any(|p| matches!(p, Waiting::File { .. })) {
+                    (state.file, state.written) = (None, 0);
+                    self.0.room.notify_all();
+                }
+                Some(Some(read.map(|()| piece).map_err(|e| Status::internal(format!("cannot read an answer: {e}")))))
+            }
+            None => match state.end.clone()? {
+                Ok(()) => Some(None),
+                Err(status) => {
+                    state.end = Some(Ok(()));
+                    Some(Some(Err(status)))
+                }
+            },
+        }
+    }
+}
+
+impl Drop for Reader {
+    fn drop(&mut self) {
+        let mut state = self.0.state();
+        *state = State { gone: true, ..State::default() };
+        drop(state);
+        self.0.room.notify_all();
+        self.0.left.notify_one();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+
+    #[test]
+    fn unit_pieces_come_in_their_order_and_a_slow_client_keeps_nobody() {
+        let folder = tempfile::tempdir().unwrap();
+        let spool = Spool::default();
+        let reader = spool.reader();
+        let piece = |n: usize| vec![n as u8; 1000 + n];
+        // Nobody reads, and nothing waits.
+        (0..20).for_each(|n| assert!(spool.put(piece(n), folder.path()).unwrap()));
+        spool.end(Ok(()));
+        assert_eq!(folder.path().read_dir().unwrap().count(), 0, "the file has no name");
+        for n in 0..20 {
+            assert_eq!(reader.taken().unwrap().unwrap().unwrap(), piece(n));
+        }
+        assert!(reader.taken().unwrap().is_none());
+    }
+
+    #[test]
+    fn unit_an_answer_that_is_cut_is_an_error_and_its_file_is_given_back() {
+        let folder = tempfile::tempdir().unwrap();
+        let spool = Spool::default();
+        let reader = spool.reader();
+        (0..9).for_each(|n| assert!(spool.put(vec![n], folder.path()).unwrap()));
+        spool.cut(Status::deadline_exceeded("late"));
+        assert!(!spool.put(vec![1], folder.path()).unwrap());
+        assert_eq!(reader.taken().unwrap().unwrap().unwrap_err().message(), "late");
+        assert!(spool.0.state().file.is_none());
+        drop(reader);
+        assert!(spool.0.state().gone);
+    }
+}

@@ -1,0 +1,145 @@
+//! Credentials and servers that want them shown or sent elsewhere.
+
+use std::{
+    fs,
+    io::{Read, Write},
+    net::{SocketAddr, TcpListener, TcpStream},
+    process::{Command, Stdio},
+    sync::{
+        Arc,
+        atomic::{AtomicUsize, Ordering},
+    },
+    thread::spawn,
+};
+
+use crate::support::{Bench, stderr, stdout};
+
+/// What must not be seen: access key, secret key, session token, password.
+const SECRETS: [&str; 4] = ["AKIAGEHEIM", "geheim-secret", "geheim-token", "geheim-password"];
+
+/// A server that answers every request with this status and what it was sent; and how many it had.
+fn echoing(status: &'static str, header: String) -> (SocketAddr, Arc<AtomicUsize>) {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let (address, asked) = (listener.local_addr().unwrap(), Arc::new(AtomicUsize::new(0)));
+    let count = asked.clone();
+    spawn(move || {
+        for stream in listener.incoming() {
+            let (header, count) = (header.clone(), count.clone());
+            spawn(move || echo(stream.unwrap(), status, &header, &count));
+        }
+    });
+    (address, asked)
+}
+
+fn echo(mut stream: TcpStream, status: &str, header: &str, count: &AtomicUsize) {
+    let mut head = vec![];
+    let mut byte = [0];
+    while !head.ends_with(b"\r\n\r\n") && stream.read(&mut byte).is_ok_and(|n| n > 0) {
+        head.push(byte[0]);
+    }
+    if head.is_empty() {
+        return;
+    }
+    count.fetch_add(1, Ordering::Relaxed);
+    let head = String::from_utf8_lossy(&head).into_owned();
+    let body = format!("<Error><Code>AccessDenied</Code><Message>You sent {head} geheim-password</Message></Error>");
+    let body = if head.starts_with("HEAD") { String::new() } else { body };
+    let length = body.len();
+    let _ = write!(stream, "HTTP/1.1 {status}\r\n{header}content-length: {length}\r\nconnection: close\r\n\r\n{body}");
+}
+
+/// What commands say, and write, with a store at this endpoint.
+fn told(bench: &Bench, endpoint: &str) -> String {
+    let command = |args: &[&str]| {
+        let output = Command::new(env!("CARGO_BIN_EXE_magline"))
+            .args(args)
+            .current_dir(bench.folder.path())
+            .env("HOME", bench.folder.path())
+            .env("MAGLINE_CACHE", bench.path("cache"))
+            .env("AWS_ENDPOINT_URL", endpoint)
+            .env("AWS_ALLOW_HTTP", "true")
+            .env("AWS_ACCESS_KEY_ID", SECRETS[0])
+            .env("AWS_SECRET_ACCESS_KEY", SECRETS[1])
+            .env("AWS_SESSION_TOKEN", SECRETS[2])
+            .env("AWS_REGION", "us-east-1")
+            .stdin(Stdio::null())
+            .output()
+            .unwrap();
+        assert!(!output.status.success(), "{}", stdout(&output));
+        stdout(&output) + &stderr(&output)
+    };
+    let said = [
+        command(&["run", "spec.toml", "--json", "--set", "store=s3://bucket/store"]),
+        command(&["sql", "SELECT 1", "--store", "s3://bucket/store"]),
+        command(&["verify", "s3://bucket/store"]),
+        command(&["run", "spec.toml", "--set", "tables.flights.path=s3://bucket/flights/*.csv"]),
+    ];
+    said.concat()
+}
+
+/// Everything that was written below a folder.
+fn written(folder: &std::path::Path) -> String {
+    let mut all = String::new();
+    for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
+        match entry.file_type().unwrap().is_dir() {
+            true => all.push_str(&written(&entry.path())),
+            false => all.push_str(&String::from_utf8_lossy(&fs::read(entry.path()).unwrap())),
+        }
+    }
+    all
+}
+
+fn assert_hidden(bench: &Bench, said: &str) {
+    let all = said.to_owned() + &written(&bench.path("store")) + &written(&bench.path("cache"));
+    for secret in SECRETS {
+        assert!(!all.contains(secret), "{secret} is shown: {said}");
+    }
+    assert!(!said.contains("Credential=") && !said.contains("You sent"), "{said}");
+}
+
+#[test]
+fn user_what_a_server_repeats_is_not_shown() {
+    for status in ["403 Forbidden", "400 Bad Request", "401 Unauthorized"] {
+        let bench = Bench::new();
+        let (address, asked) = echoing(status, String::new());
+        let said = told(&bench, &format!("http://{address}"));
+        assert!(asked.load(Ordering::Relaxed) > 0);
+        assert!(said.contains(status.split(' ').next().unwrap()), "{status}: {said}");
+        assert_hidden(&bench, &said);
+    }
+}
+
+#[test]
+fn user_a_redirect_to_another_server_is_not_followed() {
+    for status in ["307 Temporary Redirect", "301 Moved Permanently", "308 Permanent Redirect"] {
+        let bench = Bench::new();
+        let (other, reached) = echoing("403 Forbidden", String::new());
+        let (address, asked) = echoing(status, format!("location: http://{other}/elsewhere\r\n"));
+        let said = told(&bench, &format!("http://{address}"));
+        assert!(asked.load(Ordering::Relaxed) > 0);
+        assert_eq!(reached.load(Ordering::Relaxed), 0, "{status}");
+        assert_hidden(&bench, &said);
+    }
+}
+
+#[test]
+fn user_an_endpoint_with_a_password_is_refused_and_not_shown() {
+    let bench = Bench::new();
+    let (address, asked) = echoing("403 Forbidden", String::new());
+    for endpoint in [
+        format!("http://me:geheim-password@{address}"),
+        format!("http://geheim-password@{address}/"),
+        format!("http://{address}/?token=geheim-password"),
+    ] {
+        let said = told(&bench, &endpoint);
+        assert!(said.contains("has a user, a password or a query in it"), "{said}");
+        assert_hidden(&bench, &said);
+    }
+    assert_eq!(asked.load(Ordering::Relaxed), 0);
+    // Neither is the password of a server of lineage events.
+    let to = format!("http://me:geheim-password@{address}/?key=geheim-password");
+    let run = bench.magline(&["run", "spec.toml", "--openlineage", &to]);
+    let said = stdout(&run) + &stderr(&run);
+    assert!(run.status.success(), "{said}");
+    assert_hidden(&bench, &said);
+}
