@@ -42,6 +42,7 @@ mod reuse;
 mod rivals;
 mod schedule;
 mod search;
+mod security;
 #[cfg(feature = "serve")]
 mod serve;
 mod store;

@@ -55,7 +55,7 @@ pub fn run(args: &ServeArgs) -> Result<(), Stop> {
     use schemas::Fault;
     use tokio::sync::watch;
 
-    use super::{note, say::err, temporary::Temporary, tend};
+    use super::{note, say::err, temporary::Private, tend};
     use crate::serve::{Settings, Token, serve};
 
     if !tend::is_store(&args.store) {
@@ -88,7 +88,7 @@ pub fn run(args: &ServeArgs) -> Result<(), Stop> {
             std::process::exit(130);
         }
     });
-    let spill = Temporary::new(std::env::temp_dir().join(format!("magline-serve-{}", std::process::id())));
+    let spill = Private::new()?;
     let settings = Settings {
         store: args.store.clone(),
         bind: args.bind,

@@ -35,6 +35,11 @@ pub fn fault(e: &DataFusionError, session: &Session, query: &str) -> Fault {
         root => {
             let text = root.strip_backtrace();
             let text = text.lines().next().unwrap_or_default().to_owned();
+            // Offsets of texts and lists have 31 bits, and DataFusion's tasks end with a panic beyond.
+            if text.contains("panicked") || text.to_lowercase().contains("offset overflow") {
+                return Fault::machine(format!("the query has values that are too large: {text}"))
+                    .help("a narrower WHERE, shorter texts or fewer columns make it smaller");
+            }
             let no_table = text.contains("not found") && (text.contains("table") || text.contains("schema"));
             let missing = if no_table { missing(session, query) } else { None };
             missing.unwrap_or_else(|| Fault::new(format!("the query cannot be answered: {text}")))
