@@ -148,10 +148,14 @@ impl Version {
 
     /// The version in `folder`, whose name is its number.
     pub fn open(folder: &Path) -> Option<Version> {
+        Version::with_links(folder).filter(Version::has_no_link)
+    }
+
+    /// The same, where a folder or file may be a link.
+    fn with_links(folder: &Path) -> Option<Version> {
         let number = folder.file_name()?.to_str()?.parse().ok()?;
         let manifest = Manifest::read(&paths::read_regular(&folder.join("version.json")).ok()?)?;
-        let version = Version { folder: folder.to_owned(), number, manifest };
-        version.has_no_link().then_some(version)
+        Some(Version { folder: folder.to_owned(), number, manifest })
     }
 
     /// Whether its folders and files are no links: those may lead out of the store.
@@ -302,7 +306,7 @@ impl Store {
             manifest.tables.push(ManifestTable { name: one.name.clone(), files: vec![file], units: None });
             from.push((one.file.clone(), name));
         }
-        let before = current(self.root(), pipeline);
+        let before = newest(self.root(), pipeline).and_then(|folder| Version::with_links(&folder));
         if let Some(version) = &before {
             keep(version, kept, &mut manifest, &mut from);
             if let Some(remote) = self.remote().filter(|_| !kept.is_empty()) {
@@ -316,6 +320,7 @@ impl Store {
                 return Err(Fault::machine(what).help("remove the link; the table is published again"));
             }
         }
+        let before = before.filter(Version::has_no_link);
         if before.as_ref().is_some_and(|v| holds(self, v, &manifest)) {
             return Ok(false);
         }

@@ -67,7 +67,8 @@ pub fn is_whole(bytes: &[u8]) -> bool {
     let fine = |line: &[u8]| {
         let whole = serde_json::from_slice::<Past>(line).is_ok_and(|p| p.sum == sum_of(&p));
         let text = String::from_utf8_lossy(line);
-        whole || text.rfind(LAST).is_none_or(|at| text.len() < at + LAST.len() + ENDS) && text.starts_with('{')
+        let cut = text.rfind(LAST).is_none_or(|at| text.len() < at + LAST.len() + ENDS);
+        whole || cut && text.starts_with('{') && !text.ends_with("\"}")
     };
     bytes.split(|b| *b == b'\n').all(|line| line.is_empty() || fine(line))
 }

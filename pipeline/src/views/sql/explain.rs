@@ -36,7 +36,8 @@ pub fn fault(e: &DataFusionError, session: &Session, query: &str) -> Fault {
             let text = root.strip_backtrace();
             let text = text.lines().next().unwrap_or_default().to_owned();
             // Offsets of texts and lists have 31 bits, and DataFusion's tasks end with a panic beyond.
-            if text.contains("panicked") || text.to_lowercase().contains("offset overflow") {
+            let too_long = ["offset overflow", "size overflow"].iter().any(|what| text.to_lowercase().contains(what));
+            if text.contains("panicked") || too_long {
                 return Fault::machine(format!("the query has values that are too large: {text}"))
                     .help("a narrower WHERE, shorter texts or fewer columns make it smaller");
             }
