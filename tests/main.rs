@@ -46,6 +46,7 @@ mod schedule;
 mod search;
 #[cfg(feature = "object-stores")]
 mod secrets;
+mod security;
 #[cfg(feature = "serve")]
 mod serve;
 mod store;

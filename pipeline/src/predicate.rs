@@ -99,7 +99,7 @@ fn key_schema() -> Schema {
 
 fn evaluate(expr: &Arc<dyn PhysicalExpr>, batch: &RecordBatch) -> Result<Vec<bool>, Fault> {
     let wrong = |e: datafusion::error::DataFusionError| Fault::data(format!("`where` cannot be evaluated: {e}"));
-    let array = expr.evaluate(batch).and_then(|v| v.into_array(batch.num_rows())).map_err(wrong)?;
+    let array = expressions::evaluate(expr, batch).map_err(wrong)?;
     let mask: &BooleanArray = array
         .as_boolean_opt()
         .ok_or_else(|| Fault::data(format!("`where` gave {}, not true or false", array.data_type())))?;

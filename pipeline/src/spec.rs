@@ -9,7 +9,7 @@ mod set;
 
 use std::{collections::BTreeMap, ops::Range, path::PathBuf, time::Duration};
 
-use schemas::{Args, Fault, Given, Literal, Section};
+use schemas::{Args, Fault, Given, Literal, Section, paths};
 use toml::{
     Spanned,
     de::{DeTable, DeValue},
@@ -111,11 +111,6 @@ pub struct StageDecl {
     /// Inputs and parameters, axes not yet put in.
     pub args: Args,
 }
-
-/// A name becomes a folder, a file name with a suffix, and part of others.
-const LONGEST_NAME: usize = 100;
-/// What file systems take as the name of one folder.
-const LONGEST_FOLDER: usize = 255;
 
 /// More stages than this are made by a program that should use an axis; each may be a level of the plan.
 const MOST_STAGES: usize = 1_000;
@@ -303,7 +298,7 @@ impl Reading {
             Some("name a folder, such as `store`; `.` is the folder of the spec")
         } else if store.chars().any(char::is_control) {
             Some("name a folder without line breaks and other control characters")
-        } else if store.split(['/', '\\']).any(|part| part.len() > LONGEST_FOLDER) {
+        } else if store.split(['/', '\\']).any(|part| part.len() > paths::LONGEST_PART) {
             Some("name a folder that file systems take: at most 255 bytes")
         } else {
             None
@@ -338,16 +333,17 @@ impl Reading {
 
     /// Names become folders and SQL identifiers, so they are kept plain.
     fn identifier(&mut self, name: &str, at: Span) -> bool {
-        let fine = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';
-        let fine = name.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_') && name.chars().all(fine);
-        if !fine {
-            let fault = Fault::new(format!("`{}` cannot be a name", plain(name))).at(at);
-            self.faults.push(fault.help("a name begins with a letter and holds letters, digits, `_` and `-`"));
-        } else if name.len() > LONGEST_NAME {
-            let what = format!("a name of {} characters is too long", name.len());
-            self.faults.push(Fault::new(what).at(at).help(format!("a name has at most {LONGEST_NAME} characters")));
+        if let Err(help) = paths::check_name(name) {
+            let long = name.is_ascii() && name.len() > paths::LONGEST_NAME;
+            let what = if long {
+                format!("a name of {} characters is too long", name.len())
+            } else {
+                format!("`{}` cannot be a name", plain(name))
+            };
+            self.faults.push(Fault::new(what).at(at).help(help));
+            return false;
         }
-        fine
+        true
     }
 
     fn text(&mut self, table: &DeTable, key: &str) -> Option<(String, Span)> {

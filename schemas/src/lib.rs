@@ -16,7 +16,7 @@ pub use column::{Column, ColumnType, Described, Role, Shape, describe_field, fie
 pub use params::{
     Args, Chosen, Fault, Given, Kind, Kinds, Lists, Literal, Nested, OrAuto, Own, Owner, Param, ParamDoc, Params,
     Place, Reader, Rule, Section, Sections, Several, Value, Word, choice, collect_doc, first, literal, nearest,
-    no_text, obeys, params, render, words_rule,
+    no_text, obeys, one_line, params, paths, render, visible, words_rule,
 };
 pub use stage::{
     AnyLinePoint, AnyStage, AnySurveyPoint, Arrays, Build, Entry, Gather, GatherDyn, Grain, Head, InputDecl, InputKind,

@@ -79,6 +79,17 @@ pub trait Stage: Params + Any + Send + Sync {
     fn manner(&self) -> &'static str {
         ""
     }
+
+    /// Expressions in SQL that select or weight samples, each with the column that it makes; without a column it selects
+    /// rows. What is computed over such samples may be a single sample. Default: none.
+    fn expressions(&self) -> Vec<(Option<&str>, &str)> {
+        vec![]
+    }
+
+    /// Whether the table of what it learns may contain single samples, as trees, kernels and networks do. Default: false.
+    fn memorises(&self) -> bool {
+        false
+    }
 }
 
 /// A stage that works on one line at a time.

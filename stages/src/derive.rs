@@ -103,6 +103,10 @@ impl Derive {
 }
 
 impl Stage for Derive {
+    fn expressions(&self) -> Vec<(Option<&str>, &str)> {
+        self.columns.iter().map(|(name, sql)| (Some(name.as_str()), sql.as_str())).collect()
+    }
+
     fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
         let shape = shape(inputs, 0)?;
         let (mut made, mut faults) = (vec![], vec![]);

@@ -290,6 +290,10 @@ impl Stage for Fit {
         if self.choose.leaves_out() { "leaving out" } else { "" }
     }
 
+    fn memorises(&self) -> bool {
+        self.model.kind.made_of == MadeOf::Samples
+    }
+
     fn idle(&self, key: &str) -> Option<Fault> {
         let own = || self.model.keys.idle(key);
         let model = self.model.kind;

@@ -53,6 +53,10 @@ impl Select {
 }
 
 impl Stage for Select {
+    fn expressions(&self) -> Vec<(Option<&str>, &str)> {
+        self.rows.iter().map(|sql| (None, sql.as_str())).collect()
+    }
+
     fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
         let shape = shape(inputs, 0)?;
         let mut faults = vec![];

@@ -2,7 +2,7 @@
 
 use std::{
     fs::File,
-    io::{self, BufWriter, Write},
+    io::{self, BufWriter, IsTerminal, Write},
     path::{Path, PathBuf},
     sync::Arc,
 };
@@ -15,7 +15,7 @@ use parquet::{
     basic::Compression,
     file::properties::{WriterProperties, WriterVersion},
 };
-use schemas::Fault;
+use schemas::{Fault, visible};
 
 use super::{say, temporary::Temporary};
 use crate::views::sql::Sink;
@@ -32,6 +32,12 @@ pub enum Format {
     Json,
     /// A Parquet file; needs `-o`.
     Parquet,
+}
+
+/// The name of an answer to `path` while the process of the number `process` writes it.
+pub fn unfinished(path: &Path, process: u32) -> PathBuf {
+    let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    path.with_file_name(format!(".{name}.{process}"))
 }
 
 /// An answer being written to a file or to standard output.
@@ -62,16 +68,16 @@ impl Answer {
             let fault = Fault::new("a Parquet file cannot be written to the terminal");
             return Err(fault.help("name a file with `-o`"));
         }
-        let tmp = output.map(|path| {
-            let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-            Temporary::new(path.with_file_name(format!(".{name}.{}", std::process::id())))
-        });
+        let tmp = output.map(|path| Temporary::new(unfinished(path, std::process::id())));
         Ok(Answer { format, output: output.map(Path::to_owned), tmp, writer: None })
     }
 
     fn out(&self) -> Result<Out, Fault> {
         match &self.tmp {
-            None => Ok(Box::new(BufWriter::with_capacity(1 << 16, Standard))),
+            None => {
+                let terminal = io::stdout().is_terminal().then(Vec::new);
+                Ok(Box::new(BufWriter::with_capacity(1 << 16, Standard { terminal })))
+            }
             Some(tmp) => {
                 let file = File::create(tmp.path()).map_err(|e| self.failed(&e))?;
                 Ok(Box::new(BufWriter::with_capacity(1 << 16, file)))
@@ -137,8 +143,8 @@ impl Writer {
     fn finish(self) -> io::Result<()> {
         match self {
             Writer::Table(mut out, batches) => {
-                let shown = pretty_format_batches(&batches).map_err(io::Error::other)?;
-                writeln!(out, "{shown}")?;
+                let shown = pretty_format_batches(&batches).map_err(io::Error::other)?.to_string();
+                writeln!(out, "{}", visible(&shown))?;
                 out.flush()
             }
             Writer::Csv(csv) => csv.into_inner().flush(),
@@ -185,12 +191,23 @@ impl Sink for Answer {
     }
 }
 
-/// Standard output, whose failures are kept for the exit status.
-struct Standard;
+/// Standard output, whose failures are kept for the exit status. A file or a pipe gets the bytes as they are.
+struct Standard {
+    /// For a terminal, the bytes of a character that is not complete.
+    terminal: Option<Vec<u8>>,
+}
 
 impl Write for Standard {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        kept(io::stdout().write(bytes))
+        let Some(begun) = &mut self.terminal else { return kept(io::stdout().write(bytes)) };
+        begun.extend_from_slice(bytes);
+        let whole = match std::str::from_utf8(begun) {
+            Err(e) if e.error_len().is_none() => e.valid_up_to(),
+            _ => begun.len(),
+        };
+        let rest = begun.split_off(whole);
+        let text = String::from_utf8_lossy(&std::mem::replace(begun, rest)).into_owned();
+        kept(io::stdout().write_all(visible(&text).as_bytes())).map(|()| bytes.len())
     }
 
     fn flush(&mut self) -> io::Result<()> {

@@ -7,6 +7,7 @@ mod bench;
 mod cluster;
 mod engine;
 mod events;
+mod guard;
 mod ingest;
 mod interrupt;
 mod lines;
@@ -32,6 +33,7 @@ use std::{
 };
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use nix::sys::signal::{SigSet, Signal};
 use progress::Progress;
 use say::err;
 use schemas::{Entry, Fault, render};
@@ -242,6 +244,8 @@ enum Stop {
     OutOfTime,
     /// Interrupted.
     Interrupted,
+    /// Ended with this exit status; the message is out already.
+    Told(u8),
 }
 
 impl From<Faults> for Stop {
@@ -260,6 +264,8 @@ impl From<Fault> for Stop {
 
 /// Runs the command with the stages of `catalogue`.
 pub fn main(catalogue: &[Entry]) -> ExitCode {
+    // A file that grows beyond a limit of the system is then an error of writing, and no silent end.
+    let _ = SigSet::from(Signal::SIGXFSZ).thread_block();
     let mut names: Vec<&str> = catalogue.iter().map(|e| e.name).collect();
     names.sort_unstable();
     if let Some(pair) = names.windows(2).find(|pair| pair[0] == pair[1]) {
@@ -269,7 +275,12 @@ pub fn main(catalogue: &[Entry]) -> ExitCode {
     let command = match Cli::try_parse() {
         Ok(cli) => cli.command,
         Err(e) => {
-            say::note(e.print().or_else(|written| if e.use_stderr() { Ok(()) } else { Err(written) }));
+            if e.use_stderr() {
+                // It repeats arguments.
+                err!("{}", e.render().to_string().trim_end());
+            } else {
+                say::note(e.print());
+            }
             return ended(u8::try_from(e.exit_code()).unwrap_or(2));
         }
     };
@@ -329,6 +340,7 @@ pub fn main(catalogue: &[Entry]) -> ExitCode {
             err!("{}", schedule::STOPPED);
             ended(schedule::OUT_OF_TIME)
         }
+        Err(Stop::Told(status)) => ended(status),
         Err(Stop::Interrupted) => {
             err!("{}", interrupt::SAID);
             ended(interrupt::STATUS)

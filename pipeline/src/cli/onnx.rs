@@ -8,7 +8,7 @@ use clap::Args;
 use schemas::Fault;
 use stages::trained::Learned;
 
-use super::{Stop, located, say::err, temporary::Temporary};
+use super::{Stop, located, say::err, temporary::Private};
 use crate::{
     store::pulled,
     views::sql::{Question, Sink, memory, sql},
@@ -59,7 +59,7 @@ impl Sink for Terms {
 pub fn run(args: &OnnxArgs) -> Result<(), Stop> {
     let condition = args.condition.as_ref().map(|c| format!(" WHERE {c}")).unwrap_or_default();
     let query = format!("SELECT arrow_cast(term, 'Utf8'), value FROM {}{condition}", args.table);
-    let spill = Temporary::new(std::env::temp_dir().join(format!("magline-onnx-{}", std::process::id())));
+    let spill = Private::new()?;
     let question =
         Question { store: &args.store, query: &query, memory: memory::by_default(), spill: spill.path().to_owned() };
     pulled(&args.store)?;

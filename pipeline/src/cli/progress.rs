@@ -9,6 +9,8 @@ use std::{
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
+use schemas::one_line;
+
 use super::counted;
 use crate::{
     run::{Event, Listener},
@@ -196,7 +198,7 @@ impl State {
         if let Some(left) = self.left(now) {
             text.push_str(&format!(" (about {} left)", spelt(left)));
         }
-        text
+        one_line(&text).into_owned()
     }
 
     /// The time that is left of the stage, once there is a basis for an estimate.

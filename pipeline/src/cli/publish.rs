@@ -6,7 +6,7 @@ use clap::Args;
 use schemas::Entry;
 use serde_json::json;
 
-use super::{SpecArgs, Stop, counted, note, say, temporary::Temporary, with_graph};
+use super::{SpecArgs, Stop, counted, note, say, temporary::Private, with_graph};
 use crate::{
     read_spec,
     release::{self, Published, Request},
@@ -43,16 +43,17 @@ pub fn run(catalogue: &[Entry], args: &PublishArgs) -> Result<(), Stop> {
     let spec = read_spec(&args.spec.spec, &args.spec.sets)?;
     release::facts(&spec)?;
     report::was_run(&spec)?;
+    let mut folder = None;
     let (to, address) = match place(&args.to)? {
         Place::Path(path) => (path, None),
         Place::Object(address) => {
             supported()?;
             // The name of the data set, in a folder of its own.
             let name = address.key.rsplit('/').next().filter(|name| !name.is_empty()).unwrap_or("set").to_owned();
-            (std::env::temp_dir().join(format!("magline-publish-{}", std::process::id())).join(name), Some(address))
+            let own = folder.insert(Private::new()?);
+            (own.path().join(name), Some(address))
         }
     };
-    let draft = address.as_ref().and_then(|_| to.parent()).map(|folder| Temporary::new(folder.to_owned()));
     let request =
         Request { tables: &args.tables, to: &to, replace: args.replace, include_restricted: args.include_restricted };
     let answer = super::threads::pool(args.threads)?.install(|| {
@@ -64,16 +65,17 @@ pub fn run(catalogue: &[Entry], args: &PublishArgs) -> Result<(), Stop> {
             Ok(if args.json { as_json(&done, &args.to) } else { as_text(&done, &args.to) })
         })
     });
-    drop(draft);
+    drop(folder);
     answer
 }
 
 fn as_json(done: &Published, to: &str) -> String {
-    let tables: Vec<_> =
-        done.tables.iter().map(|(name, rows, files)| json!({ "table": name, "rows": rows, "files": files })).collect();
+    let rule = |name: &String| done.rules.iter().find(|(table, _)| table == name).map(|(_, rule)| rule);
+    let one = |(name, rows, files): &(String, u64, usize)| json!({ "table": name, "rows": rows, "files": files, "rule": rule(name) });
+    let tables: Vec<_> = done.tables.iter().map(one).collect();
     let text = json!({
         "to": to, "written": done.written, "files": done.files, "run": done.run, "tables": tables,
-        "failures": done.failures, "restricted": done.restricted,
+        "failures": done.failures, "restricted": done.restricted, "lifted": done.lifted,
     });
     format!("{text}\n")
 }
@@ -82,7 +84,10 @@ fn as_text(done: &Published, to: &str) -> String {
     let mut text = String::new();
     for (name, rows, files) in &done.tables {
         let (rows, files) = (counted(usize::try_from(*rows).unwrap_or(usize::MAX), "row"), counted(*files, "file"));
-        text += &format!("{name}: {rows} in {files}\n");
+        text += &format!("{name}: {rows} in {files}");
+        let rule = done.rules.iter().find(|(table, _)| table == name);
+        text += &rule.map(|(_, rule)| format!("; {rule}")).unwrap_or_default();
+        text += "\n";
     }
     let files = counted(done.files, "file");
     text += &if done.written {
@@ -95,6 +100,9 @@ fn as_text(done: &Published, to: &str) -> String {
             "{} could not be computed; the README of the data set lists what",
             counted(done.failures, "line or fit")
         ));
+    }
+    for column in &done.lifted {
+        note(&format!("an earlier run has recorded {column} as restricted; the spec no longer restricts it"));
     }
     for one in &done.restricted {
         note(&format!("restricted: {one}"));

@@ -1,19 +1,23 @@
 //! `magline run` and `magline compact`.
 
-use std::sync::atomic::Ordering;
+use std::{sync::atomic::Ordering, time::Duration};
 
 use clap::Args;
-use schemas::Entry;
+use schemas::{Entry, Fault};
 
 use super::{
-    QUIET, SpecArgs, Stop, counted, engine, events, interrupt, note, progress::Progress, say, schedule, tell, threads,
+    QUIET, SpecArgs, Stop, counted, engine, events, interrupt, note, progress::Progress, say, schedule, tell, tend,
+    threads,
 };
 use crate::{
     plan::Plan,
     read_spec,
     run::{Engine, Event, Listener, Options, Summary, again, said_once, search},
     spec::Faults,
-    store,
+    store::{
+        self,
+        tend::{Collect, collect},
+    },
     views::{self, score_table, scores, warnings},
 };
 
@@ -30,6 +34,9 @@ pub struct RunArgs {
     /// Read the bytes of every input, even where its size and time are unchanged.
     #[arg(long)]
     verify_inputs: bool,
+    /// Replace the tables of a pipeline that another spec has made, in a store outside of the spec's folder.
+    #[arg(long)]
+    take_over: bool,
     #[command(flatten)]
     schedule: schedule::ScheduleArgs,
     /// One JSON event per line on standard output; `magline run --help` describes them.
@@ -86,6 +93,20 @@ pub fn run(catalogue: &[Entry], args: &RunArgs, compact: bool) -> Result<(), Sto
     done
 }
 
+/// Notes what `gc` would free of the store, where that is worth it.
+fn unused(store: &store::Store) {
+    const WORTH: u64 = 1 << 20;
+    let all = Collect { keep: 1, older_than: Duration::ZERO, dry: true };
+    // What cannot be looked up is reported by `gc`.
+    if let Ok(found) = collect(store, all)
+        && found.bytes >= WORTH
+        && !store.is_copy()
+    {
+        let bytes = tend::bytes(found.bytes);
+        note(&format!("{bytes} of earlier results are no longer used; `magline gc --yes` removes them"));
+    }
+}
+
 /// A run that has come to an end, and what its user is told of it.
 fn ran(
     catalogue: &[Entry],
@@ -96,6 +117,12 @@ fn ran(
 ) -> Result<(Result<(), Stop>, Summary), Stop> {
     let read = || {
         let mut spec = read_spec(&args.spec.spec, &args.spec.sets)?;
+        if let Some(other) = views::made_by_another(&spec).filter(|_| !args.take_over) {
+            let store = spec.store.display();
+            let what = format!("the pipeline `{}` in the store {store} was made by another spec, {other}", spec.name);
+            let help = "name another `store` or `name` in the spec; or replace its tables with `--take-over`";
+            return Err(spec.faults(vec![Fault::new(what).help(help)]));
+        }
         spec.verify_inputs = args.verify_inputs;
         spec.settle = args.schedule.settle();
         Plan::new(spec, catalogue)
@@ -129,6 +156,7 @@ fn ran(
         pool.install(|| run(&progress))?
     };
     drop(limit);
+    unused(&store);
     if !args.json {
         conclude(&plan, &summary, args.quiet)?;
     }

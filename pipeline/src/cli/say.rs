@@ -13,6 +13,8 @@ use std::{
     },
 };
 
+use schemas::visible;
+
 /// A line on standard error, formatted as by `eprintln!`.
 macro_rules! err {
     ($($arg:tt)*) => { $crate::cli::say::err_line(format_args!($($arg)*)) };
@@ -30,16 +32,16 @@ static GONE: AtomicBool = AtomicBool::new(false);
 /// The error of writing standard output.
 static LOST: OnceLock<String> = OnceLock::new();
 
-/// Writes one line to standard error.
+/// Writes one line to standard error, its control characters [`visible`].
 pub fn err_line(text: impl Display) {
     // One write per line, so that lines of several threads do not mix.
-    let _ = io::stderr().lock().write_all(format!("{text}\n").as_bytes());
+    let _ = io::stderr().lock().write_all(visible(&format!("{text}\n")).as_bytes());
 }
 
-/// Writes text to standard output.
+/// Writes text to standard output, its control characters [`visible`].
 pub fn out_text(text: impl Display) {
     let mut out = io::stdout().lock();
-    note(out.write_all(text.to_string().as_bytes()).and_then(|()| out.flush()));
+    note(out.write_all(visible(&text.to_string()).as_bytes()).and_then(|()| out.flush()));
 }
 
 /// Records the outcome of a write to standard output.

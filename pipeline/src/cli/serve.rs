@@ -60,7 +60,7 @@ pub fn run(args: &ServeArgs) -> Result<(), Stop> {
     use schemas::Fault;
     use tokio::sync::watch;
 
-    use super::{note, say::err, temporary::Temporary, tend};
+    use super::{note, say::err, temporary::Private, tend};
     use crate::serve::{Settings, Token, serve};
 
     if !tend::is_store(&args.store) {
@@ -93,9 +93,7 @@ pub fn run(args: &ServeArgs) -> Result<(), Stop> {
             std::process::exit(130);
         }
     });
-    let spill = Temporary::new(std::env::temp_dir().join(format!("magline-serve-{}", std::process::id())));
-    let made = DirBuilder::new().recursive(true).mode(0o700).create(spill.path());
-    made.map_err(|e| Fault::machine(format!("cannot make the folder {}: {e}", spill.path().display())))?;
+    let spill = Private::new()?;
     let settings = Settings {
         program: super::engine::program()?,
         store: args.store.clone(),

@@ -2,6 +2,7 @@
 
 use std::{
     io::{IsTerminal, Read},
+    panic::{AssertUnwindSafe, catch_unwind},
     path::{Path, PathBuf},
     process::exit,
 };
@@ -12,9 +13,9 @@ use clap::Args;
 use schemas::Fault;
 
 use super::{
-    Stop, answer, located,
+    Stop, answer, guard, located,
     say::err,
-    temporary::{self, Temporary},
+    temporary::{self, Private},
 };
 use crate::{
     store::pulled,
@@ -50,6 +51,13 @@ pub struct SqlArgs {
 
 /// Runs the query.
 pub fn run(args: &SqlArgs) -> Result<(), Stop> {
+    let memory = args.memory_limit.unwrap_or_else(memory::by_default);
+    let Some(spill) = guard::folder() else {
+        let folder = Private::new()?;
+        let unfinished = |process| args.output.as_deref().map(|path| answer::unfinished(path, process));
+        return guard::run(memory, folder.path(), unfinished);
+    };
+    guard::limit(memory);
     // A query computes and writes on many threads, which are not waited for.
     let _ = ctrlc::set_handler(|| {
         temporary::remove_all();
@@ -61,25 +69,25 @@ pub fn run(args: &SqlArgs) -> Result<(), Stop> {
     }
     let query = query(args)?;
     pulled(&args.store)?;
-    let spill = Temporary::new(std::env::temp_dir().join(format!("magline-sql-{}", std::process::id())));
-    let question = Question {
-        store: &args.store,
-        query: &query,
-        memory: args.memory_limit.unwrap_or_else(memory::by_default),
-        spill: spill.path().to_owned(),
-    };
+    let question = Question { store: &args.store, query: &query, memory, spill };
     let answer = answer::Answer::new(args.format, args.output.as_deref())?;
     let Some(most) = args.max_rows else {
         let mut answer = answer;
-        return Ok(sql(&question, &mut answer)?);
+        return Ok(answered(&question, &mut answer)?);
     };
     let mut first = First { answer, left: most, cut: None };
-    sql(&question, &mut first)?;
+    answered(&question, &mut first)?;
     if let Some(schema) = first.cut.take() {
         first.answer.finish(&schema)?;
         err!("note: the result has more than {most} rows; `--max-rows` truncates it");
     }
     Ok(())
+}
+
+/// Answers a question; a panic of DataFusion, such as one of a text that is too long for its offsets, is an error.
+fn answered(question: &Question, sink: &mut dyn Sink) -> Result<(), Fault> {
+    let asked = catch_unwind(AssertUnwindSafe(|| sql(question, sink)));
+    asked.unwrap_or_else(|_| Err(guard::exceeded(question.memory)))
 }
 
 /// The query: an argument, a file, or standard input.

@@ -1,9 +1,19 @@
 //! Files that are removed when a command ends early.
 
 use std::{
+    env,
+    fs::{self, DirBuilder, File},
+    io,
+    os::unix::fs::{DirBuilderExt, MetadataExt},
     path::{Path, PathBuf},
     sync::Mutex,
 };
+
+use nix::unistd::getuid;
+use schemas::Fault;
+use uuid::Uuid;
+
+use crate::store::{own_folder, sweep};
 
 /// The files that are removed when the command ends early.
 static UNFINISHED: Mutex<Vec<PathBuf>> = Mutex::new(vec![]);
@@ -32,6 +42,72 @@ impl Drop for Temporary {
     }
 }
 
+/// A private folder for temporary files, below the system's: others can neither read nor prepare it. It is removed when it goes
+/// out of scope, and after a kill by the next command of the same user.
+pub struct Private {
+    folder: Temporary,
+    base: PathBuf,
+    // Held as long as the folder is used, which says so to those that sweep.
+    _lock: File,
+}
+
+impl Private {
+    /// A new one.
+    ///
+    /// # Errors
+    /// Fails when the file system refuses.
+    pub fn new() -> Result<Private, Fault> {
+        let temporary = env::temp_dir();
+        let make = || {
+            let base = base(&temporary)?;
+            sweep(&base);
+            let (path, lock) = own_folder(&base)?;
+            Ok(Private { folder: Temporary::new(path), base, _lock: lock })
+        };
+        let failed = |e: io::Error| Fault::machine(format!("cannot make a folder in {}: {e}", temporary.display()));
+        // Another command may remove the common folder when it ends.
+        make().or_else(|_: io::Error| make()).or_else(|_| make()).map_err(failed)
+    }
+
+    /// Its path.
+    pub fn path(&self) -> &Path {
+        self.folder.path()
+    }
+}
+
+impl Drop for Private {
+    fn drop(&mut self) {
+        remove(self.folder.path());
+        // Only the last one finds it empty.
+        let _ = fs::remove_dir(&self.base);
+    }
+}
+
+/// The folder of this user's private folders in `temporary`: one that this user has made, for this user alone.
+fn base(temporary: &Path) -> io::Result<PathBuf> {
+    let user = getuid().as_raw();
+    let ours =
+        |path: &Path| fs::symlink_metadata(path).is_ok_and(|m| m.is_dir() && m.uid() == user && m.mode() & 0o077 == 0);
+    let name = format!("magline-{user}");
+    let plain = temporary.join(&name);
+    match DirBuilder::new().mode(0o700).create(&plain) {
+        Ok(()) => return Ok(plain),
+        Err(e) if e.kind() == io::ErrorKind::AlreadyExists => {}
+        Err(e) => return Err(e),
+    }
+    if ours(&plain) {
+        return Ok(plain);
+    }
+    // Another user has prepared that name: one that nobody can guess, and those of earlier commands.
+    let start = format!("{name}-");
+    let mut found = fs::read_dir(temporary)?.flatten().filter(|e| e.file_name().to_string_lossy().starts_with(&start));
+    if let Some(known) = found.find(|e| ours(&e.path())) {
+        return Ok(known.path());
+    }
+    let path = temporary.join(format!("{start}{}", Uuid::new_v4()));
+    DirBuilder::new().mode(0o700).create(&path).map(|()| path)
+}
+
 fn remove(path: &Path) {
     // It may not exist; a failure to remove it is ignored.
     let _ = if path.is_dir() { std::fs::remove_dir_all(path) } else { std::fs::remove_file(path) };
@@ -41,5 +117,32 @@ fn remove(path: &Path) {
 pub fn remove_all() {
     if let Ok(list) = UNFINISHED.lock() {
         list.iter().for_each(|path| remove(path));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use std::os::unix::fs::PermissionsExt;
+
+    use super::*;
+
+    #[test]
+    fn unit_the_common_folder_is_private_and_one_that_is_not_is_never_used() {
+        let temporary = tempfile::tempdir().unwrap();
+        let user = getuid().as_raw();
+        let plain = temporary.path().join(format!("magline-{user}"));
+        assert_eq!(base(temporary.path()).unwrap(), plain);
+        assert_eq!(fs::metadata(&plain).unwrap().mode() & 0o777, 0o700);
+        assert_eq!(base(temporary.path()).unwrap(), plain, "it is used again");
+        fs::set_permissions(&plain, fs::Permissions::from_mode(0o777)).unwrap();
+        let other = base(temporary.path()).unwrap();
+        assert_ne!(other, plain, "others may write to it");
+        assert_eq!(fs::metadata(&other).unwrap().mode() & 0o777, 0o700);
+        assert_eq!(base(temporary.path()).unwrap(), other);
+        fs::remove_dir(&plain).unwrap();
+        std::os::unix::fs::symlink(&other, &plain).unwrap();
+        assert_eq!(base(temporary.path()).unwrap(), other, "a link is not followed");
     }
 }

@@ -10,7 +10,7 @@ use schemas::Fault;
 
 use super::{Stop, counted, located, progress::Progress, say};
 use crate::{
-    store::{Store, is_copy, pulled, shown, tend},
+    store::{Store, is_copy, pulled, scrub, shown, tend},
     views::{history, text},
 };
 
@@ -35,12 +35,17 @@ impl StoreArgs {
 
     /// The store, which must be there.
     fn open(&self) -> Result<Store, Fault> {
+        Store::open(self.root()?)
+    }
+
+    /// The folder of the store, which must be there. It may be one that cannot be written.
+    fn root(&self) -> Result<&Path, Fault> {
         pulled(&self.store)?;
         if !self.store.join("STORE").is_file() {
             let fault = Fault::new(format!("there is no store {}", shown(&self.store)));
             return Err(fault.help("name its folder or address with `--store`"));
         }
-        Store::open(&self.store)
+        Ok(&self.store)
     }
 }
 
@@ -83,7 +88,7 @@ pub fn age(text: &str) -> Result<Duration, String> {
 }
 
 /// Bytes as readable text.
-fn bytes(n: u64) -> String {
+pub fn bytes(n: u64) -> String {
     let n = n as f64;
     match n {
         n if n < 1e3 => format!("{n} B"),
@@ -119,9 +124,9 @@ pub fn gc(args: &GcArgs) -> Result<(), Stop> {
 
 /// Lists the tables.
 pub fn ls(args: &StoreArgs, pipeline: Option<&str>) -> Result<(), Stop> {
-    let store = args.open()?;
-    let found = tend::list(store.root())?;
-    let names = tend::pipelines(store.root());
+    let root = args.root()?;
+    let found = tend::list(root)?;
+    let names = tend::pipelines(root);
     if let Some(name) = pipeline.filter(|p| !names.iter().any(|n| n == p)) {
         return Err(Fault::new(format!("there is no pipeline `{name}` in the store")).nearest(name, &names).into());
     }
@@ -148,20 +153,31 @@ pub fn rm(args: &StoreArgs, name: &str) -> Result<(), Stop> {
 
 /// The history of runs, or what changed between two.
 pub fn runs(args: &StoreArgs, pipeline: Option<&str>, between: Option<(u64, u64)>) -> Result<(), Stop> {
-    let store = args.open()?;
+    let root = args.root()?;
     say(match (pipeline, between) {
-        (Some(pipeline), Some((a, b))) => history::between(store.root(), pipeline, a, b)?,
-        _ => history::table(store.root(), pipeline)?,
+        (Some(pipeline), Some((a, b))) => history::between(root, pipeline, a, b)?,
+        _ => history::table(root, pipeline)?,
     })
 }
 
 /// Reads every byte.
 pub fn verify(args: &StoreArgs) -> Result<(), Stop> {
-    let store = args.open()?;
+    let root = args.root()?;
+    let damaged_mark = scrub::mark_is_damaged(root);
+    let store = Store::open(root);
     let progress = Progress::new(false);
     progress.stage("reading the store");
     progress.detail("files", "");
-    let found = tend::scrub(&store, &|i, all| progress.set(i, all))?;
+    let tick = |i, all| progress.set(i, all);
+    let mut found = match store {
+        Ok(store) => scrub::scrub(&store, &tick)?,
+        // A store on a read-only disk, or of another user.
+        Err(fault) if !fault.owner.is_lasting() => scrub::scrub_read_only(root, &tick)?,
+        Err(fault) => return Err(fault.into()),
+    };
+    if damaged_mark {
+        found.damaged.insert(root.join("STORE"), "its content is wrong".to_owned());
+    }
     drop(progress);
     let read = format!("{}, {}", counted(found.files, "file"), bytes(found.bytes));
     if found.damaged.is_empty() {

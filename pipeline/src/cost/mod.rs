@@ -13,7 +13,7 @@ mod work;
 
 use schemas::Fault;
 
-pub use observed::FOLDER;
+pub use observed::{FOLDER, is_whole};
 pub use watch::Watch;
 
 use crate::{plan::Graph, store::Store};

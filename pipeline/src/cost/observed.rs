@@ -214,12 +214,21 @@ fn spelt(records: &[Observation]) -> Option<String> {
     Some(format!("{}\n{text}\n", Key::of([&text])))
 }
 
+/// The records in the text of a file, as they are written there; `None` where it is damaged.
+fn whole(text: &str) -> Option<&str> {
+    let (sum, records) = text.strip_suffix('\n')?.split_once('\n')?;
+    (Key::of([records]).to_string() == sum).then_some(records)
+}
+
+/// Whether a file of records verifies.
+pub fn is_whole(bytes: &[u8]) -> bool {
+    std::str::from_utf8(bytes).is_ok_and(|text| whole(text).is_some())
+}
+
 /// The records in a file; none where it is not there or damaged: they are only a guide.
 fn read(path: &Path) -> Vec<Observation> {
     let text = fs::read_to_string(path).unwrap_or_default();
-    let mut lines = text.lines();
-    let (sum, records) = (lines.next().unwrap_or_default(), lines.next().unwrap_or_default());
-    let records = Some(records).filter(|r| Key::of([r]).to_string() == sum);
+    let records = whole(&text);
     let records = records.and_then(|r| serde_json::from_str::<Vec<Observation>>(r).ok());
     records.unwrap_or_default().into_iter().filter(is_sound).collect()
 }

@@ -2,11 +2,11 @@
 
 use std::{
     collections::BTreeMap,
-    fs::File,
     io::{self, Read},
     path::Path,
 };
 
+use schemas::paths;
 use sha2::{Digest, Sha256};
 
 /// The file.
@@ -22,7 +22,7 @@ pub fn of_bytes(bytes: &[u8]) -> String {
 /// # Errors
 /// When it cannot be read.
 pub fn of_file(path: &Path, mut each: impl FnMut(&[u8])) -> io::Result<(u64, String)> {
-    let (mut file, mut hasher, mut buffer, mut size) = (File::open(path)?, Sha256::new(), vec![0; 1 << 16], 0);
+    let (mut file, mut hasher, mut buffer, mut size) = (paths::open_regular(path)?, Sha256::new(), vec![0; 1 << 16], 0);
     loop {
         match file.read(&mut buffer)? {
             0 => return Ok((size, spelt(hasher.finalize().as_slice()))),
@@ -73,7 +73,7 @@ pub fn read(text: &str) -> Result<BTreeMap<String, String>, String> {
 
 /// Whether a path of a set's own documents stays in the set.
 pub fn is_inside(path: &str) -> bool {
-    !path.is_empty() && !path.contains('\\') && path.split('/').all(|part| !matches!(part, "" | "." | ".."))
+    paths::check_path(path).is_ok()
 }
 
 #[cfg(test)]

@@ -1,9 +1,11 @@
 //! Licences by their SPDX identifiers.
 
-use schemas::Fault;
+use std::{io::Read, path::Path};
+
+use schemas::{Fault, paths};
 
 use super::set::{About, Licence};
-use crate::spec::publish::PublishFacts;
+use crate::{sources, spec::publish::PublishFacts};
 
 /// Identifier, name in full, and the address of the text, of licences in use for data and code. [SPDX License List 3.27]
 const KNOWN: [(&str, &str, &str); 24] = [
@@ -81,6 +83,34 @@ pub fn of(facts: &PublishFacts) -> Result<Licence, Fault> {
             Err(fault.help(format!("{help}; for another licence add `licence_url`")))
         }
     }
+}
+
+/// The most bytes of the text of a licence.
+const LONGEST: u64 = 1 << 20;
+
+/// The text of the licence in `file`, from the spec's folder `folder`. It is published, so that nothing outside of that folder
+/// can be named, nor reached by a link.
+///
+/// # Errors
+/// Fails for a path that leads out of the folder, and for a file that is missing, too large, or no text.
+pub fn text(file: &str, folder: &Path) -> Result<String, Fault> {
+    let wrong = |why: &str| Fault::new(format!("`licence_file`: {file}: {why}"));
+    let help = "copy the licence into the spec's folder, and name it there";
+    let path = if file.contains("://") {
+        sources::file(file, folder)?
+    } else {
+        paths::check_path(file).map_err(|why| wrong(&why).help(help))?;
+        let path = folder.join(file);
+        paths::check_no_link(folder, &path).map_err(|e| wrong(&e.to_string()).help(help))?;
+        path
+    };
+    let opened = paths::open_regular(&path).map_err(|e| wrong(&e.to_string()))?;
+    let mut text = String::new();
+    let read = opened.take(LONGEST + 1).read_to_string(&mut text).map_err(|e| wrong(&e.to_string()))?;
+    if read as u64 > LONGEST {
+        return Err(wrong(&format!("it is longer than {LONGEST} bytes")));
+    }
+    Ok(text)
 }
 
 /// The file `LICENSE` where there is no text of the licence: who, what, and where the text is.

@@ -11,6 +11,7 @@
 //!
 //! The same run gives the same bytes: nothing in it is of a clock, a host or a path of the machine.
 
+mod aggregate;
 mod checksums;
 mod citation;
 mod croissant;
@@ -43,13 +44,12 @@ use crate::{
     keys::{Key, arithmetic_in_words},
     plan::{Graph, Plan},
     run::run_id,
-    sources,
     spec::{
         Spec,
         publish::{EXAMPLE, PublishFacts},
     },
     store::{Store, Version, current, published},
-    views::{described, report},
+    views::{described, lifted, report},
 };
 use folder::Draft;
 use set::{About, Dictionary, FORMAT, Failed, Lock, Person, Set, Stage, Table};
@@ -81,6 +81,10 @@ pub struct Published {
     pub failures: usize,
     /// The restricted columns that went out, each with where it comes from.
     pub restricted: Vec<String>,
+    /// The rule by which each table could be published.
+    pub rules: Vec<(String, String)>,
+    /// The columns that an earlier run has recorded as restricted, and that the spec no longer restricts.
+    pub lifted: Vec<String>,
     /// The run.
     pub run: String,
 }
@@ -115,12 +119,14 @@ pub fn release(graph: &Graph, store: &Store, request: &Request) -> Result<Publis
     let about = about(facts)?;
     let chosen = chosen(plan, request.tables)?;
     let version = computed(graph, store)?;
+    let lineage = protect::Lineage::new(graph, store)?;
     if !request.include_restricted {
         let wanted = columns(graph, &chosen);
-        let held = protect::find(graph, &wanted);
+        let held = protect::find(&lineage, &wanted);
         if !held.is_empty() {
             return Err(protect::refused(&held));
         }
+        protect::together(&lineage, &wanted)?;
     }
     let draft = Draft::begin(request.to, request.replace)?;
     let root = draft.path();
@@ -136,22 +142,22 @@ pub fn release(graph: &Graph, store: &Store, request: &Request) -> Result<Publis
             Chosen::Map(i) => tables::of_map(graph, store, i, root)?,
         });
     }
-    protect::describe(graph, &mut tables);
+    protect::describe(&lineage, &mut tables);
     // Looked for again in what was written: no column goes out that the plan does not know.
     let names = |t: &Table| (t.name.clone(), t.columns.iter().map(|c| c.name.clone()).collect());
-    let restricted = protect::find(graph, &tables.iter().map(names).collect::<Vec<_>>());
+    let named: Vec<(String, Vec<String>)> = tables.iter().map(names).collect();
+    let restricted = protect::find(&lineage, &named);
     if !request.include_restricted && !restricted.is_empty() {
         return Err(protect::refused(&restricted));
     }
+    let rules = protect::rules(&lineage, &named, &restricted);
     let inputs = inputs::gather(graph, root, facts.include_inputs, request.include_restricted)?;
     let failures = failures(graph, store, &chosen)?;
     let dictionary = Dictionary { format: FORMAT.to_owned(), about, tables, restricted, failures };
     let set = Set { dictionary, lock: lock(graph, inputs)? };
     if let Some(file) = &facts.licence_file {
-        let path = sources::file(file, &spec.folder)?;
-        let text =
-            fs::read(&path).map_err(|e| Fault::new(format!("cannot read the licence {}: {e}", path.display())))?;
-        write(root, words::LICENCE, &text)?;
+        let text = licence::text(file, &spec.folder)?;
+        write(root, words::LICENCE, text.as_bytes())?;
     }
     for (path, text) in documents::all(&set)? {
         write(root, &path, text.as_bytes())?;
@@ -172,6 +178,8 @@ pub fn release(graph: &Graph, store: &Store, request: &Request) -> Result<Publis
         written,
         failures: dictionary.failures.len(),
         restricted: dictionary.restricted.iter().map(protect::chain).collect(),
+        rules,
+        lifted: lifted(graph, store),
         run: lock.run,
     })
 }

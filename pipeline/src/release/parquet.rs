@@ -19,7 +19,7 @@ use parquet::{
     },
     schema::types::ColumnPath,
 };
-use schemas::Fault;
+use schemas::{Fault, paths};
 
 use super::set::{Column, ColumnKind, Values};
 
@@ -150,7 +150,7 @@ fn is_list(kind: &DataType) -> bool {
 /// # Errors
 /// When it is not Parquet, is damaged, or `each` fails.
 pub fn read(path: &Path, mut each: impl FnMut(&RecordBatch) -> Result<(), String>) -> Result<SchemaRef, String> {
-    let file = File::open(path).map_err(|e| e.to_string())?;
+    let file = paths::open_regular(path).map_err(|e| e.to_string())?;
     let reader = ParquetRecordBatchReaderBuilder::try_new(file).map_err(|e| e.to_string())?;
     let schema = reader.schema().clone();
     for batch in reader.with_batch_size(GROUP_ROWS).build().map_err(|e| e.to_string())? {

@@ -1,36 +1,52 @@
-//! What must not be published: columns of tables of files that are restricted, and all that is made from them row by row.
+//! Restricted data in a published set: columns of tables of files that are restricted, and all that is made from them row
+//! by row.
 //!
-//! The lineage of columns is walked from each column that is to go out. It ends at tables of scores and models, which are
-//! made of many rows together, but for lists in them, which hold single samples; maps and flight lines are not such aggregates,
-//! however far down they are.
+//! The lineage of columns is walked from each column that is to be published. It ends at tables of scores and models that are
+//! aggregates by the rules of [`aggregate`](super::aggregate). Lists in such tables hold single samples and are no aggregates; nor are
+//! maps and flight lines, at any distance from the restricted column.
 
-use std::collections::{HashMap, HashSet, VecDeque};
+use std::collections::{BTreeMap, HashMap, HashSet, VecDeque};
 
 use schemas::Fault;
 
-use super::set::{Held, Table};
+use super::{
+    aggregate::{self, Aggregate},
+    set::{Held, Table},
+};
 use crate::{
     plan::Graph,
     spec::publish::{Protection, Restricted},
+    store::Store,
     views::{SnapshotTable, described},
 };
 
 /// The identifiers of a line, which every table and score names.
 const IDENTIFIERS: [&str; 2] = ["flight", "line"];
 
+/// What to do where restricted data would be published.
+const HELP: &str = "publish tables that are not made from them row by row, such as scores and models; or say \
+    `--include-restricted` if you may, and the data set will say so";
+
 /// A column of a table.
-type Column = (String, String);
+pub type Column = (String, String);
 
 /// The lineage of a plan's columns.
-struct Lineage<'a> {
-    stages: HashMap<String, SnapshotTable>,
+pub struct Lineage<'a> {
+    /// The tables of the stages.
+    pub stages: HashMap<String, SnapshotTable>,
     /// The columns that are handed to the stage of each table, which may be in anything it makes.
     reads: HashMap<String, Vec<Column>>,
     sources: HashMap<&'a str, &'a Protection>,
+    /// The small tables that restricted columns reach, each with its figures, or why it is no aggregate.
+    aggregates: HashMap<String, Result<Aggregate, String>>,
 }
 
 impl<'a> Lineage<'a> {
-    fn new(graph: &'a Graph) -> Lineage<'a> {
+    /// The lineage of the columns of a plan, whose results are in `store`.
+    ///
+    /// # Errors
+    /// Fails when the store is damaged.
+    pub fn new(graph: &'a Graph, store: &Store) -> Result<Lineage<'a>, Fault> {
         let plan = graph.plan;
         let mut reads: HashMap<String, Vec<Column>> = HashMap::new();
         for (t, node) in plan.tables.iter().enumerate() {
@@ -45,7 +61,30 @@ impl<'a> Lineage<'a> {
         }
         let stages = described(graph).into_iter().map(|t| (t.name.clone(), t)).collect();
         let sources = plan.spec.tables.iter().map(|t| (t.name.as_str(), &t.protection)).collect();
-        Lineage { stages, reads, sources }
+        let mut lineage = Lineage { stages, reads, sources, aggregates: HashMap::new() };
+        // Each table comes after its inputs, so that the aggregates among these are known.
+        for (t, node) in plan.tables.iter().enumerate().filter(|(_, node)| node.is_small()) {
+            let reached = lineage.reached(&node.name);
+            let strictest = reached.iter().filter_map(|column| lineage.restricted(column)).collect::<Vec<_>>();
+            if !strictest.is_empty() {
+                let found = aggregate::judge(graph, store, t, &reached, &strictest)?;
+                lineage.aggregates.insert(node.name.clone(), found);
+            }
+        }
+        Ok(lineage)
+    }
+
+    /// The columns that a table is made from at any distance, up to the aggregates among them.
+    fn reached(&self, table: &str) -> HashSet<Column> {
+        let mut waiting = self.reads.get(table).cloned().unwrap_or_default();
+        let mut seen = HashSet::new();
+        while let Some(at) = waiting.pop() {
+            if !seen.contains(&at) {
+                waiting.extend(self.above(&at));
+                seen.insert(at);
+            }
+        }
+        seen
     }
 
     /// The protection of a column of a table of files, where it is restricted today.
@@ -63,9 +102,15 @@ impl<'a> Lineage<'a> {
     fn above(&self, (table, column): &Column) -> Vec<Column> {
         let Some(stage) = self.stages.get(table) else { return vec![] };
         let Some(own) = stage.columns.iter().find(|c| c.name == *column) else { return vec![] };
-        // A list in a small table holds samples one by one, such as those of an importance.
-        if stage.tidy && !own.kind.starts_with("list") {
-            return vec![];
+        if stage.tidy {
+            // A list in a small table holds samples one by one, such as those of an importance.
+            let single = own.kind.starts_with("list") || matches!(self.aggregates.get(table), Some(Err(_)));
+            if !single || IDENTIFIERS.contains(&column.as_str()) {
+                return vec![];
+            }
+            if !own.kind.starts_with("list") {
+                return self.reads.get(table).cloned().unwrap_or_default();
+            }
         }
         if own.from.is_empty() && !IDENTIFIERS.contains(&column.as_str()) {
             // A stage that does not say what it made a column of may have used all that it was handed.
@@ -100,8 +145,7 @@ impl<'a> Lineage<'a> {
 }
 
 /// Names the columns that each column of `tables` was made from.
-pub fn describe(graph: &Graph, tables: &mut [Table]) {
-    let lineage = Lineage::new(graph);
+pub fn describe(lineage: &Lineage, tables: &mut [Table]) {
     for table in tables {
         let Some(stage) = lineage.stages.get(&table.name) else { continue };
         for column in &mut table.columns {
@@ -112,16 +156,17 @@ pub fn describe(graph: &Graph, tables: &mut [Table]) {
 }
 
 /// The columns of `tables` that are restricted or made from restricted ones row by row.
-pub fn find(graph: &Graph, tables: &[(String, Vec<String>)]) -> Vec<Held> {
-    let lineage = Lineage::new(graph);
+pub fn find(lineage: &Lineage, tables: &[(String, Vec<String>)]) -> Vec<Held> {
     let mut found = vec![];
     for (table, columns) in tables {
         for column in columns {
             if let Some((chain, protection)) = lineage.find(&(table.clone(), column.clone())) {
+                let why = chain.iter().find_map(|(t, _)| lineage.aggregates.get(t)?.as_ref().err().map(|w| (t, w)));
                 found.push(Held {
                     table: table.clone(),
                     column: column.clone(),
                     through: chain.iter().map(|(t, c)| format!("{t}.{c}")).collect(),
+                    rule: why.map(|(table, why)| format!("`{table}` is no aggregate: {why}")),
                     reason: protection.reason.clone(),
                     embargo: protection.embargo.clone(),
                 });
@@ -129,6 +174,48 @@ pub fn find(graph: &Graph, tables: &[(String, Vec<String>)]) -> Vec<Held> {
         }
     }
     found
+}
+
+/// Checks the published aggregates of restricted columns together: differences between them must not be single samples.
+///
+/// # Errors
+/// Names the tables, and the rule that they break.
+pub fn together(lineage: &Lineage, tables: &[(String, Vec<String>)]) -> Result<(), Fault> {
+    let all = tables.iter().filter_map(|(t, _)| Some((t.as_str(), lineage.aggregates.get(t)?.as_ref().ok()?)));
+    aggregate::together(&all.collect::<Vec<_>>())
+        .map_err(|what| Fault::new(format!("restricted data would be published\n  {what}")).help(HELP))
+}
+
+/// The rule by which each of `tables` can be published.
+pub fn rules(lineage: &Lineage, tables: &[(String, Vec<String>)], held: &[Held]) -> Vec<(String, String)> {
+    let rule = |(table, columns): &(String, Vec<String>)| {
+        if held.iter().any(|h| h.table == *table) {
+            return (table.clone(), "restricted, published by `--include-restricted`".to_owned());
+        }
+        let mut seen: HashSet<Column> = HashSet::new();
+        let mut waiting: Vec<Column> = columns.iter().map(|c| (table.clone(), c.clone())).collect();
+        let mut through: BTreeMap<String, String> = BTreeMap::new();
+        while let Some(at) = waiting.pop() {
+            if let Some(Ok(aggregate)) = lineage.aggregates.get(&at.0) {
+                through.insert(at.0.clone(), aggregate.words());
+            }
+            if !seen.contains(&at) {
+                waiting.extend(lineage.above(&at));
+                seen.insert(at);
+            }
+        }
+        let words = through.into_iter().map(|(name, words)| {
+            if name == *table {
+                format!("aggregate of restricted columns, {words}")
+            } else {
+                format!("through the aggregate `{name}`, {words}")
+            }
+        });
+        let words: Vec<String> = words.collect();
+        let none = || "not made from restricted columns".to_owned();
+        (table.clone(), if words.is_empty() { none() } else { words.join("; ") })
+    };
+    tables.iter().map(rule).collect()
 }
 
 /// Why a restricted column is restricted.
@@ -154,12 +241,10 @@ pub fn refused(held: &[Held]) -> Fault {
     let mut what = "restricted data would be published".to_owned();
     for one in held.iter().take(SHOWN) {
         what += &format!("\n  {}\n    {}", chain(one), why(one));
+        what += &one.rule.as_ref().map(|rule| format!("\n    {rule}")).unwrap_or_default();
     }
     if held.len() > SHOWN {
         what += &format!("\n  and {} more columns", held.len() - SHOWN);
     }
-    Fault::new(what).help(
-        "publish tables that are not made from them row by row, such as scores and models; or say `--include-restricted` \
-         if you may, and the data set will say so",
-    )
+    Fault::new(what).help(HELP)
 }

@@ -236,6 +236,9 @@ pub struct Held {
     pub column: String,
     /// From this column to the restricted one, as `table.column`.
     pub through: Vec<String>,
+    /// The rule by which a table among them is no aggregate.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rule: Option<String>,
     /// Why that is restricted.
     pub reason: Option<String>,
     /// Until when.

@@ -1,10 +1,10 @@
 //! `magline verify DIR`: whether a published set is as it was written, and whether what it says of itself is true.
 
-use std::{collections::BTreeMap, fs, path::Path};
+use std::{collections::BTreeMap, fs, io::Read, path::Path};
 
 use arrow_array::cast::AsArray;
 use rayon::prelude::*;
-use schemas::Fault;
+use schemas::{Fault, paths};
 
 use super::{
     checksums, documents, folder, parquet,
@@ -34,16 +34,17 @@ impl Verified {
 /// # Errors
 /// When there is no published set, or the folder cannot be read.
 pub fn verify(root: &Path) -> Result<Verified, Fault> {
-    let read = |name: &str| fs::read_to_string(root.join(name));
+    let read = |name: &str| text(root, name);
     if !root.join(checksums::NAME).exists() && !root.join(DICTIONARY).exists() {
         let fault = Fault::new(format!("{} is not a published data set", root.display()));
         return Err(fault.help(format!("there is no file {} in it; a store is checked by `--store`", checksums::NAME)));
     }
     let mut found = Verified::default();
     let there = folder::files(root).map_err(|e| Fault::machine(format!("cannot read {}: {e}", root.display())))?;
-    sums(root, &there, &mut found);
-    let dictionary = read(DICTIONARY).map_err(|e| e.to_string()).and_then(|text| parsed::<Dictionary>(&text));
-    let lock = read(LOCK).map_err(|e| e.to_string()).and_then(|text| parsed::<Lock>(&text));
+    let dictionary = read(DICTIONARY).and_then(|text| parsed::<Dictionary>(&text));
+    let lock = read(LOCK).and_then(|text| parsed::<Lock>(&text));
+    let sizes = sizes(dictionary.as_ref().ok(), lock.as_ref().ok());
+    sums(root, &there, &sizes, &mut found);
     let (dictionary, lock) = match (dictionary, lock) {
         (Ok(dictionary), Ok(lock)) => (dictionary, lock),
         (dictionary, lock) => {
@@ -59,7 +60,7 @@ pub fn verify(root: &Path) -> Result<Verified, Fault> {
         }
     }
     let mut set = Set { dictionary, lock };
-    inputs(&set, root, &mut found);
+    inputs(&set, root, &sizes, &mut found);
     listed(&set, &there, &mut found);
     let tables: Vec<Checked> = set.dictionary.tables.par_iter().map(|table| check(root, table)).collect();
     for (table, checked) in set.dictionary.tables.iter_mut().zip(tables) {
@@ -76,10 +77,50 @@ fn parsed<T: serde::de::DeserializeOwned>(text: &str) -> Result<T, String> {
     serde_json::from_str(text).map_err(|e| format!("it cannot be read: {e}"))
 }
 
+/// The most bytes of a file whose size no document lists.
+const DOCUMENT: u64 = 256 << 20;
+
+/// The size that the documents list for each file.
+type Sizes = BTreeMap<String, u64>;
+
+fn sizes(dictionary: Option<&Dictionary>, lock: Option<&Lock>) -> Sizes {
+    let files = dictionary.into_iter().flat_map(|d| &d.tables).flat_map(|t| &t.files);
+    let inputs = lock.into_iter().flat_map(|l| &l.inputs);
+    let inputs = inputs.filter_map(|input| Some((input.included.clone()?, input.bytes)));
+    files.map(|file| (file.path.clone(), file.bytes)).chain(inputs).collect()
+}
+
+/// The text of a document of a set.
+fn text(root: &Path, name: &str) -> Result<String, String> {
+    let file = paths::open_regular(&root.join(name)).map_err(|e| e.to_string())?;
+    let mut text = String::new();
+    match file.take(DOCUMENT).read_to_string(&mut text) {
+        Ok(n) if n as u64 == DOCUMENT => Err("it is too large for a document".to_owned()),
+        Ok(_) => Ok(text),
+        Err(e) => Err(e.to_string()),
+    }
+}
+
+/// The checksum of a file. A file of another size than it should have, such as a sparse one, is not read.
+fn sum(root: &Path, path: &str, sizes: &Sizes) -> Result<String, String> {
+    let full = root.join(path);
+    let there = fs::symlink_metadata(&full).map_err(|e| match e.kind() {
+        std::io::ErrorKind::NotFound => "it is missing".to_owned(),
+        _ => e.to_string(),
+    })?;
+    if !there.is_file() {
+        return Err("it is not a regular file".to_owned());
+    }
+    match sizes.get(path) {
+        Some(size) if there.len() != *size => Err(format!("it has {} bytes, not {size}", there.len())),
+        None if there.len() > DOCUMENT => Err(format!("it has {} bytes, too many for a document", there.len())),
+        _ => checksums::of_file(&full, |_| {}).map(|(_, sum)| sum).map_err(|e| e.to_string()),
+    }
+}
+
 /// Files against their sums.
-fn sums(root: &Path, there: &[String], found: &mut Verified) {
-    let text = fs::read_to_string(root.join(checksums::NAME)).map_err(|e| e.to_string());
-    let sums = match text.and_then(|text| checksums::read(&text)) {
+fn sums(root: &Path, there: &[String], sizes: &Sizes, found: &mut Verified) {
+    let sums = match text(root, checksums::NAME).and_then(|text| checksums::read(&text)) {
         Ok(sums) => sums,
         Err(why) => {
             found.push(checksums::NAME, why);
@@ -89,15 +130,9 @@ fn sums(root: &Path, there: &[String], found: &mut Verified) {
     let each: Vec<Option<(String, String)>> = sums
         .par_iter()
         .map(|(path, sum)| {
-            let full = root.join(path);
-            let why = match fs::symlink_metadata(&full) {
-                Err(e) if e.kind() == std::io::ErrorKind::NotFound => Some("it is missing".to_owned()),
-                Err(e) => Some(e.to_string()),
-                Ok(about) if !about.is_file() => Some("it is not a regular file".to_owned()),
-                Ok(_) => match checksums::of_file(&full, |_| {}) {
-                    Ok((_, now)) => (now != *sum).then(|| "its checksum is wrong".to_owned()),
-                    Err(e) => Some(e.to_string()),
-                },
+            let why = match self::sum(root, path, sizes) {
+                Ok(now) => (now != *sum).then(|| "its checksum is wrong".to_owned()),
+                Err(why) => Some(why),
             };
             why.map(|why| (path.clone(), why))
         })
@@ -110,11 +145,11 @@ fn sums(root: &Path, there: &[String], found: &mut Verified) {
 }
 
 /// The spec and the inputs that are included against the lock.
-fn inputs(set: &Set, root: &Path, found: &mut Verified) {
+fn inputs(set: &Set, root: &Path, sizes: &Sizes, found: &mut Verified) {
     let mut check = |path: &str, sha256: &str| {
         if !checksums::is_inside(path) {
             found.push(LOCK, format!("the path `{path}` leads out of the folder"));
-        } else if let Ok((_, now)) = checksums::of_file(&root.join(path), |_| {})
+        } else if let Ok(now) = sum(root, path, sizes)
             && now != sha256
         {
             found.push(path, format!("it has another checksum in {LOCK}"));
@@ -160,8 +195,13 @@ fn check(root: &Path, table: &Table) -> Checked {
 /// Reads every value of a file; its rows.
 fn check_file(root: &Path, table: &Table, file: &DataFile, values: &mut [Values]) -> Result<u64, String> {
     let path = root.join(&file.path);
-    let (bytes, sum) = checksums::of_file(&path, |_| {}).map_err(|e| e.to_string())?;
-    if (bytes, &sum) != (file.bytes, &file.sha256) {
+    let size = fs::symlink_metadata(&path).map_err(|e| e.to_string())?;
+    if !size.is_file() {
+        return Err("it is not a regular file".to_owned());
+    }
+    let same =
+        size.len() == file.bytes && checksums::of_file(&path, |_| {}).map_err(|e| e.to_string())?.1 == file.sha256;
+    if !same {
         return Err(format!("its size or checksum is another one in {DICTIONARY}"));
     }
     let mut rows = 0;
@@ -199,7 +239,7 @@ fn check_file(root: &Path, table: &Table, file: &DataFile, values: &mut [Values]
 /// The documents against those that the set, with the values of its files, gives.
 fn agree(set: &Set, root: &Path, found: &mut Verified) -> Result<(), Fault> {
     for (path, wanted) in documents::all(set)? {
-        let Ok(text) = fs::read_to_string(root.join(&path)) else {
+        let Ok(text) = text(root, &path) else {
             if !root.join(&path).exists() {
                 found.push(&path, "it is missing");
             }

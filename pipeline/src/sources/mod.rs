@@ -41,6 +41,7 @@ use model::ModelTable;
 pub use options::{AUTO, MappingOptions, ModelOptions, WHOLE, division};
 use options::{Files, flight_options, map_options, spelt};
 pub use quality::{Check, Finding};
+pub(crate) use record::{is_whole, sealed};
 
 use crate::{
     keys::Key,

@@ -16,10 +16,15 @@ fn first_entry(rest: &str) -> String {
 ///
 /// # Errors
 /// Fails for a value that is not a JSON object, which is an internal error.
-pub(super) fn sealed<T: Serialize>(note: &T) -> Result<Vec<u8>, Fault> {
+pub(crate) fn sealed<T: Serialize>(note: &T) -> Result<Vec<u8>, Fault> {
     let text = serde_json::to_string_pretty(note).map_err(|e| Fault::machine(e.to_string()))?;
     let rest = text.strip_prefix(OPENING).ok_or_else(|| Fault::machine("a note of the store has no entries"))?;
     Ok(format!("{OPENING}{}{rest}", first_entry(rest)).into_bytes())
+}
+
+/// Whether a note is intact.
+pub(crate) fn is_whole(bytes: &[u8]) -> bool {
+    unsealed::<serde_json::Value>(bytes).is_some()
 }
 
 /// The note in a text, if it is intact.

@@ -45,7 +45,7 @@ params! {
     licence: String, unit "";
     /// The address of the licence's text.
     licence_url: Option<String>, unit "", default None, absent "that of the SPDX identifier";
-    /// The file with the text of the licence, from the spec's folder; its text becomes the file `LICENSE`.
+    /// The file with the text of the licence, in the spec's folder; its text becomes the file `LICENSE`.
     licence_file: Option<String>, unit "", default None, absent "the name and address of the licence stand there";
     /// The date of publication, `YYYY-MM-DD`.
     date: String, unit "";
@@ -245,10 +245,14 @@ params! {
     embargo: Option<String>, unit "", default None, absent "never, where something is restricted";
     /// Why, for the message and the data set that includes them all the same.
     reason: Option<String>, unit "", default None, absent "not said";
+    /// Least number of samples behind each published score or coefficient that is computed from restricted columns.
+    least_samples: usize, unit "1", default 100usize, rule Rule::Between(2.0, 1e9);
+    /// Least number of samples for each published number of one aggregate: scores of a line, coefficients of a model.
+    least_ratio: f64, unit "1", default 10.0, rule Rule::Between(1.0, 1e9);
 }
 
 /// The keys of [`Protection`].
-pub const PROTECTION_KEYS: [&str; 3] = ["restricted", "embargo", "reason"];
+pub const PROTECTION_KEYS: [&str; 5] = ["restricted", "embargo", "reason", "least_samples", "least_ratio"];
 
 impl Protection {
     /// Reads the keys among those of a table, which lie at the bytes `at`, and takes them out.
@@ -268,6 +272,11 @@ impl Protection {
         if own.contains_key("reason") && read.embargo.is_none() && read.restricted == Restricted::None {
             let fault = Fault::new(format!("`reason` of `{table}` is the reason of nothing"));
             faults.push(place("reason", fault.help("add `restricted` or `embargo`, or remove it")));
+        }
+        let lone = own.keys().find(|k| k.starts_with("least_"));
+        if let Some(key) = lone.filter(|_| read.embargo.is_none() && read.restricted == Restricted::None) {
+            let fault = Fault::new(format!("`{key}` of `{table}` has no effect: nothing is restricted"));
+            faults.push(place(key, fault.help("add `restricted` or `embargo`, or remove it")));
         }
         if faults.is_empty() { Ok(read) } else { Err(faults) }
     }

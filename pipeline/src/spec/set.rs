@@ -8,7 +8,7 @@ use toml::{
     de::{DeString, DeTable, DeValue},
 };
 
-use super::{Span, TOP};
+use super::{Span, TOP, publish::PROTECTION_KEYS};
 
 /// Keys whose value is a text, so that it needs no quotes.
 const TEXT_KEYS: [&str; 5] = ["name", "store", "path", "stage", "where"];
@@ -57,6 +57,10 @@ impl Assignment {
                 Some(axes) => inside(axes, &path[1..], value, "axis"),
                 None => Err(unknown("axis", &path[1], &[])),
             },
+            ["tables", table, key, ..] if PROTECTION_KEYS.contains(key) => {
+                let what = format!("`--set` cannot change `{key}` of `{table}`: a restriction belongs to the source");
+                Err(Fault::new(what).at(self.span_of(&path)).help("write it in the spec"))
+            }
             ["tables", _, _, ..] => match table(root.get_mut("tables")) {
                 Some(tables) => inside(tables, &path[1..], value, "table"),
                 None => Err(unknown("table", &path[1], &[])),

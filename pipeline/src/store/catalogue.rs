@@ -106,7 +106,9 @@ impl Catalogue {
                     let file = file?;
                     let name = file.file_name();
                     let id = name.to_str().and_then(|n| n.strip_suffix(".parquet")).and_then(Key::parse);
-                    if let Some(id) = id.filter(|id| file.path() == path(root, *id)) {
+                    let own = |id: &Key| file.path() == path(root, *id);
+                    // A link may lead out of the store, and the reading of a pipe may never end.
+                    if let Some(id) = id.filter(own).filter(|_| file.file_type().is_ok_and(|kind| kind.is_file())) {
                         found.push((id, stamp(&file.metadata()?)));
                     }
                 }

@@ -25,6 +25,11 @@ fn hash(state: &[u8]) -> blake3::Hash {
     blake3::hash(state)
 }
 
+/// Whether a state verifies.
+pub(super) fn is_whole(bytes: &[u8]) -> bool {
+    bytes.split_at_checked(blake3::OUT_LEN).is_some_and(|(sum, state)| hash(state).as_bytes() == sum)
+}
+
 impl Store {
     /// The state of a unit that an earlier run has not finished.
     pub fn checkpoint(&self, key: Key) -> Option<Vec<u8>> {

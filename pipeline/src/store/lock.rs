@@ -22,18 +22,20 @@ use std::{
     time::{Duration, SystemTime},
 };
 
-use schemas::Fault;
+use schemas::{Fault, paths};
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Store,
+    Store, pipeline_name,
     remote::{Remote, RemoteLease},
     shown, trouble,
 };
-use crate::clock;
+use crate::{clock, keys::Key};
 
 /// The interval of the signs of life.
 const BEAT: Duration = Duration::from_secs(10);
+/// Leases are counted one by one, so that no number reaches this; a file of a higher one is no lease.
+const MOST: u64 = 1 << 53;
 /// A holder on another host without a sign for so long is gone.
 pub const GONE_AFTER: Duration = Duration::from_secs(120);
 /// The interval of looking again while waiting, at a lock of this machine and at one in an object store.
@@ -50,6 +52,9 @@ pub struct Holder {
     pub pid: u32,
     /// When it took the lock, UTC.
     pub since: String,
+    /// A checksum of what is above.
+    #[serde(default)]
+    sum: String,
     /// Whether it has released it.
     free: bool,
 }
@@ -57,7 +62,23 @@ pub struct Holder {
 impl Holder {
     pub(super) fn this() -> Holder {
         let (host, boot) = (host(), boot());
-        Holder { host, boot, pid: std::process::id(), since: clock::now(), free: false }
+        let (pid, since) = (std::process::id(), clock::now());
+        Holder { host, boot, pid, since, sum: String::new(), free: false }.signed()
+    }
+
+    /// The same with its checksum.
+    fn signed(mut self) -> Holder {
+        self.sum = self.sum_of();
+        self
+    }
+
+    fn sum_of(&self) -> String {
+        Key::of([&self.host, &self.boot, &self.pid.to_string(), &self.since]).to_string()
+    }
+
+    /// The holder in the text of a lease. Its checksum is for `verify` alone: a lease counts whoever wrote it.
+    fn read(bytes: &[u8]) -> Option<Holder> {
+        serde_json::from_slice(bytes).ok()
     }
 
     /// Whether it has released the lock.
@@ -153,10 +174,15 @@ fn prefix(pipeline: &str) -> String {
     format!("{pipeline}.lease-")
 }
 
+/// Whether a file of the folder of locks verifies: a lease names its holder, and a lock is empty.
+pub(super) fn is_whole(name: &str, bytes: &[u8]) -> bool {
+    if name.contains(".lease-") { Holder::read(bytes).is_some_and(|h| h.sum == h.sum_of()) } else { bytes.is_empty() }
+}
+
 /// The numbers of the leases of a pipeline, sorted.
 fn numbers(folder: &Path, pipeline: &str) -> io::Result<Vec<u64>> {
     let start = prefix(pipeline);
-    let number = |e: fs::DirEntry| e.file_name().to_str()?.strip_prefix(&start)?.parse().ok();
+    let number = |e: fs::DirEntry| e.file_name().to_str()?.strip_prefix(&start)?.parse().ok().filter(|n| *n < MOST);
     let mut found: Vec<u64> = fs::read_dir(folder)?.flatten().filter_map(number).collect();
     found.sort_unstable();
     Ok(found)
@@ -182,7 +208,7 @@ impl Lease {
         let Some(number) = numbers(folder, pipeline)?.last().copied() else { return Ok(None) };
         let path = folder.join(format!("{}{number}", prefix(pipeline)));
         let written = fs::metadata(&path)?.modified()?;
-        Ok(Some(Lease { number, holder: serde_json::from_slice(&fs::read(&path)?).ok(), written }))
+        Ok(Some(Lease { number, holder: Holder::read(&paths::read_regular(&path)?), written }))
     }
 
     /// Whether its holder is gone, seen by a process that has the lock of the operating system.
@@ -191,7 +217,11 @@ impl Lease {
             Some(holder) if holder.free => true,
             // Its process would hold the lock.
             Some(holder) if !boot.is_empty() && holder.boot == boot => true,
-            Some(_) | None => now.duration_since(self.written).is_ok_and(|silent| silent >= GONE_AFTER),
+            // A sign of life has the time of the file system, so that one from the future is none.
+            Some(_) | None => match now.duration_since(self.written) {
+                Ok(silent) => silent >= GONE_AFTER,
+                Err(ahead) => ahead.duration() >= GONE_AFTER,
+            },
         }
     }
 
@@ -307,10 +337,14 @@ impl Store {
 
     /// Takes the lock of `pipeline` in the store's folder, or says who holds it.
     fn lock_here(&self, pipeline: &str) -> Result<Lock, Fault> {
+        pipeline_name(pipeline)?;
         let folder = self.root().join("locks");
         let path = folder.join(format!("{pipeline}.lock"));
         let fail = |e: &dyn fmt::Display| trouble("lock", &path, e);
-        let lock = File::create(&path).map_err(|e| fail(&e))?;
+        // What is there is not emptied: only the lock counts.
+        let options = File::options().write(true).create(true).truncate(false).clone();
+        let lock = paths::check_no_link(self.root(), &path).and_then(|()| options.open(&path));
+        let lock = lock.map_err(|e| fail(&e))?;
         match lock.try_lock() {
             Ok(()) => {}
             Err(fs::TryLockError::WouldBlock) => return Ok(Lock::Held(self.held(&folder, pipeline))),
@@ -429,7 +463,7 @@ mod tests {
 
     /// A lease of a process on another host, silent for so long.
     fn foreign(root: &Path, number: u64, silent: Duration) -> PathBuf {
-        let holder = Holder { host: "elsewhere".to_owned(), boot: "other".to_owned(), ..Holder::this() };
+        let holder = Holder { host: "elsewhere".to_owned(), boot: "other".to_owned(), ..Holder::this() }.signed();
         let path = root.join("locks").join(format!("p.lease-{number}"));
         fs::write(&path, serde_json::to_string(&holder).unwrap()).unwrap();
         File::options().write(true).open(&path).unwrap().set_modified(SystemTime::now() - silent).unwrap();

@@ -32,6 +32,7 @@ mod mirror;
 mod objects;
 mod plans;
 mod remote;
+pub mod scrub;
 mod sealed;
 pub mod tend;
 #[cfg(test)]
@@ -53,7 +54,7 @@ use std::{
 use arrow_array::RecordBatch;
 use arrow_schema::{DataType, SchemaRef};
 use arrow_select::concat::concat_batches;
-use schemas::Fault;
+use schemas::{Fault, paths};
 
 use crate::keys::Key;
 pub use catalogue::{Catalogue, FAILED, Pack, Packed, Place};
@@ -133,6 +134,14 @@ impl Drop for Alone<'_> {
         // At worst it stays exclusive until the process ends.
         let _ = self.0.lock_shared();
     }
+}
+
+/// Checks the name of a pipeline, which becomes part of paths in the store.
+///
+/// # Errors
+/// Fails for a name that no spec can have.
+pub fn pipeline_name(name: &str) -> Result<(), Fault> {
+    paths::check_name(name).map_err(|why| Fault::new(format!("`{name}` cannot be the name of a pipeline")).help(why))
 }
 
 fn trouble(doing: &str, path: &Path, e: &dyn std::fmt::Display) -> Fault {

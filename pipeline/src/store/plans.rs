@@ -14,6 +14,11 @@ fn name_of(bytes: &[u8]) -> Key {
     Key::of([b"plan", bytes])
 }
 
+/// Whether the file `name` is the plan that its name is the hash of.
+pub(super) fn is_whole(name: &str, bytes: &[u8]) -> bool {
+    Key::parse(name) == Some(name_of(bytes))
+}
+
 impl Store {
     fn plan_at(&self, key: Key) -> PathBuf {
         self.root().join(FOLDER).join(key.to_string())

@@ -30,7 +30,7 @@ use parquet::{
     },
     schema::types::{ColumnPath, SchemaDescriptor},
 };
-use schemas::Fault;
+use schemas::{Fault, paths};
 
 /// The mark of a seal.
 const MARK: &[u8; 8] = b"MAGLSEAL";
@@ -57,6 +57,8 @@ impl Trouble {
         match error.kind() {
             io::ErrorKind::NotFound => Trouble::Gone,
             io::ErrorKind::UnexpectedEof => Trouble::Damaged("it is cut short".to_owned()),
+            // A pipe, a socket or a device.
+            io::ErrorKind::InvalidInput => Trouble::Damaged(error.to_string()),
             _ => Trouble::Machine(error.to_string()),
         }
     }
@@ -220,7 +222,7 @@ impl Sealed {
     }
 
     fn opened(path: &Path) -> Result<Sealed, Trouble> {
-        let mut file = File::open(path).map_err(|e| Trouble::io(&e))?;
+        let mut file = paths::open_regular(path).map_err(|e| Trouble::io(&e))?;
         footer(&mut file)?;
         let metadata = ArrowReaderMetadata::load(&file, ArrowReaderOptions::new()).map_err(Trouble::damaged)?;
         let hex = text_of(&metadata, CRC).unwrap_or_default();
@@ -384,7 +386,7 @@ pub fn verify(path: &Path) -> Result<(), Trouble> {
 
 fn verified(path: &Path) -> Result<(), Trouble> {
     let io = |e: io::Error| Trouble::io(&e);
-    let mut file = File::open(path).map_err(io)?;
+    let mut file = paths::open_regular(path).map_err(io)?;
     let (data, expected) = footer(&mut file)?;
     if sum_of(&file, 0, data).map_err(io)? == expected {
         Ok(())

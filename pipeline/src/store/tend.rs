@@ -1,7 +1,7 @@
 //! Maintenance of a store: its contents, its unreferenced results, and their verification.
 
 use std::{
-    collections::{BTreeMap, HashSet},
+    collections::HashSet,
     fs, io,
     path::{Path, PathBuf},
     time::{Duration, SystemTime},
@@ -10,9 +10,7 @@ use std::{
 use schemas::Fault;
 
 use super::{
-    Store, catalogue,
-    sealed::{Trouble, verify},
-    trouble,
+    Store, catalogue, pipeline_name, trouble,
     version::{Version, current, newest, versions},
 };
 use crate::keys::Key;
@@ -226,11 +224,14 @@ fn drop_version(folder: &Path) -> io::Result<bool> {
 /// Fails when it does not exist, a run of the pipeline is at work, or the file system refuses.
 pub fn remove(store: &Store, pipeline: &str, table: Option<&str>) -> Result<(), Fault> {
     let root = store.root();
-    let publisher = store.publisher(pipeline, false)?;
     let names = pipelines(root);
-    let Some(version) = current(root, pipeline) else {
-        return Err(Fault::new(format!("there is no pipeline `{pipeline}` in the store")).nearest(pipeline, &names));
-    };
+    let unknown = || Fault::new(format!("there is no pipeline `{pipeline}` in the store")).nearest(pipeline, &names);
+    // Nothing is locked for a name that is none.
+    if pipeline_name(pipeline).is_err() || !names.iter().any(|name| name == pipeline) {
+        return Err(unknown());
+    }
+    let publisher = store.publisher(pipeline, false)?;
+    let version = current(root, pipeline).ok_or_else(unknown)?;
     let Some(table) = table else {
         if let Some(remote) = store.remote() {
             remote.unpublish(pipeline)?;
@@ -248,86 +249,4 @@ pub fn remove(store: &Store, pipeline: &str, table: Option<&str>) -> Result<(), 
         return Err(Fault::new(format!("there is no table `{pipeline}.{table}`")).nearest(table, &known));
     }
     store.publish_without(&publisher, &version, table)
-}
-
-/// The note on a damaged file that a run does not repair.
-const OLDER: &str = "; it is of an older version, which `magline gc --yes` drops";
-
-/// The result of verifying a store.
-#[derive(Debug, Default)]
-pub struct Scrubbed {
-    /// Files that were read.
-    pub files: usize,
-    /// Their bytes.
-    pub bytes: u64,
-    /// Damaged files, and why.
-    pub damaged: BTreeMap<PathBuf, String>,
-}
-
-/// Reads every byte of the store. Packs that do not verify are quarantined; the next run recomputes them, and
-/// republishes damaged tables.
-///
-/// # Errors
-/// Fails when a file cannot be read.
-pub fn scrub(store: &Store, tick: &(dyn Fn(usize, usize) + Sync)) -> Result<Scrubbed, Fault> {
-    if let Some(remote) = store.remote() {
-        return remote.scrub(store, tick);
-    }
-    let root = store.root();
-    let mut found = Scrubbed::default();
-    for text in store.damaged() {
-        let (path, why) = text.split_once(": ").unwrap_or((&text, ""));
-        found.damaged.insert(PathBuf::from(path), why.to_owned());
-    }
-    let packs: Vec<Key> = store.catalogue().packs().map(|p| p.id).collect();
-    // Each file, the pack that it is, and a note.
-    let mut files: Vec<(PathBuf, Option<Key>, &str)> =
-        packs.iter().map(|id| (store.file(*id), Some(*id), "")).collect();
-    for pipeline in fs::read_dir(root.join("versions")).into_iter().flatten().flatten() {
-        let name = pipeline.file_name();
-        let Some(name) = name.to_str() else { continue };
-        let now = newest(root, name);
-        for (_, folder) in versions(root, name) {
-            // No run publishes an older version again.
-            let more = if now.as_ref() == Some(&folder) { "" } else { OLDER };
-            let Some(version) = Version::open(&folder) else {
-                found.damaged.insert(folder.join("version.json"), format!("its checksum is wrong{more}"));
-                continue;
-            };
-            // Files that are packs are checked as such, unless they are copies.
-            let own = version.manifest.tables.iter().flat_map(|t| t.files.iter().chain(&t.units));
-            let is_link = |pack: &Option<String>, file: &Path| {
-                let id = pack.as_deref().and_then(Key::parse);
-                id.is_some_and(|id| same_file(file, &store.file(id)))
-            };
-            let own = own.map(|f| (folder.join(&f.name), &f.pack)).filter(|(file, pack)| !is_link(pack, file));
-            files.extend(own.map(|(file, _)| (file, None, more)));
-        }
-    }
-    let all = files.len();
-    for (i, (file, pack, more)) in files.into_iter().enumerate() {
-        tick(i, all);
-        found.files += 1;
-        found.bytes += fs::metadata(&file).map_or(0, |m| m.len());
-        match verify(&file) {
-            Ok(()) => {}
-            Err(Trouble::Machine(why)) => return Err(trouble("read", &file, &why)),
-            Err(other) => {
-                if let Some(id) = pack {
-                    store.set_aside(id, &other.to_string());
-                }
-                found.damaged.insert(file, format!("{other}{more}"));
-            }
-        }
-    }
-    store.write_index()?;
-    Ok(found)
-}
-
-fn same_file(a: &Path, b: &Path) -> bool {
-    use std::os::unix::fs::MetadataExt;
-    match (fs::metadata(a), fs::metadata(b)) {
-        (Ok(a), Ok(b)) => (a.dev(), a.ino()) == (b.dev(), b.ino()),
-        _ => false,
-    }
 }

@@ -16,7 +16,7 @@ use std::{
 
 use arrow_array::RecordBatch;
 use arrow_select::concat::concat_batches;
-use schemas::Fault;
+use schemas::{Fault, paths};
 use serde::{Deserialize, Serialize};
 
 use super::{
@@ -109,7 +109,24 @@ impl Manifest {
     /// The manifest of these bytes, if they are intact.
     pub(super) fn read(bytes: &[u8]) -> Option<Manifest> {
         let manifest: Manifest = serde_json::from_slice(bytes).ok()?;
-        (sum_of(&manifest)? == manifest.sum).then_some(manifest)
+        (sum_of(&manifest)? == manifest.sum && manifest.is_inside()).then_some(manifest)
+    }
+
+    /// Whether all its names are names, and all its files lie where a run puts them. A checksum only shows that nothing was
+    /// changed by accident.
+    fn is_inside(&self) -> bool {
+        let is_key = |text: &String| Key::parse(text).is_some_and(|key| key.to_string() == *text);
+        let is_file = |file: &ManifestFile, folder: &str| {
+            let own = file.name.strip_prefix(folder).is_some_and(|name| !name.contains('/'));
+            own && paths::check_path(&file.name).is_ok() && file.pack.iter().chain(&file.hash).all(is_key)
+        };
+        let is_table = |table: &ManifestTable| {
+            let folder = format!("tables/{}/", table.name);
+            paths::check_name(&table.name).is_ok()
+                && table.files.iter().all(|file| is_file(file, &folder))
+                && table.units.iter().all(|file| is_file(file, "units/"))
+        };
+        paths::check_name(&self.pipeline).is_ok() && self.tables.iter().all(is_table) && self.packs.iter().all(is_key)
     }
 
     /// Its checksum.
@@ -131,9 +148,26 @@ impl Version {
 
     /// The version in `folder`, whose name is its number.
     pub fn open(folder: &Path) -> Option<Version> {
+        Version::with_links(folder).filter(Version::has_no_link)
+    }
+
+    /// The same, where a folder or file may be a link.
+    fn with_links(folder: &Path) -> Option<Version> {
         let number = folder.file_name()?.to_str()?.parse().ok()?;
-        let manifest = Manifest::read(&fs::read(folder.join("version.json")).ok()?)?;
+        let manifest = Manifest::read(&paths::read_regular(&folder.join("version.json")).ok()?)?;
         Some(Version { folder: folder.to_owned(), number, manifest })
+    }
+
+    /// Whether its folders and files are no links: those may lead out of the store.
+    fn has_no_link(&self) -> bool {
+        let is_link = |path: &Path| fs::symlink_metadata(path).is_ok_and(|about| about.is_symlink());
+        let tables = self.manifest.tables.iter().map(|t| self.folder.join("tables").join(&t.name));
+        let folders = ["tables", "units"].map(|name| self.folder.join(name)).into_iter().chain(tables);
+        let files = self.manifest.tables.iter().flat_map(|t| t.files.iter().chain(&t.units));
+        let above = self.folder.parent().into_iter().chain([self.folder.as_path()]);
+        !above.into_iter().any(is_link)
+            && !folders.into_iter().any(|folder| is_link(&folder))
+            && !files.into_iter().any(|file| is_link(&self.folder.join(&file.name)))
     }
 }
 
@@ -272,7 +306,7 @@ impl Store {
             manifest.tables.push(ManifestTable { name: one.name.clone(), files: vec![file], units: None });
             from.push((one.file.clone(), name));
         }
-        let before = current(self.root(), pipeline);
+        let before = newest(self.root(), pipeline).and_then(|folder| Version::with_links(&folder));
         if let Some(version) = &before {
             keep(version, kept, &mut manifest, &mut from);
             if let Some(remote) = self.remote().filter(|_| !kept.is_empty()) {
@@ -286,6 +320,7 @@ impl Store {
                 return Err(Fault::machine(what).help("remove the link; the table is published again"));
             }
         }
+        let before = before.filter(Version::has_no_link);
         if before.as_ref().is_some_and(|v| holds(self, v, &manifest)) {
             return Ok(false);
         }

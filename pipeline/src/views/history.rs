@@ -11,7 +11,10 @@ use schemas::Fault;
 use serde::{Deserialize, Serialize};
 
 use super::{record::Snapshot, text};
-use crate::{keys::Key, store::Store};
+use crate::{
+    keys::Key,
+    store::{Store, pipeline_name},
+};
 
 /// One run of a pipeline.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -48,9 +51,26 @@ fn file(root: &Path, pipeline: &str) -> PathBuf {
 
 /// The runs of a pipeline, oldest first. Damaged lines are skipped.
 pub fn past(root: &Path, pipeline: &str) -> Vec<Past> {
+    if pipeline_name(pipeline).is_err() {
+        return vec![];
+    }
     let text = fs::read(file(root, pipeline)).unwrap_or_default();
     let lines = text.split(|b| *b == b'\n').filter_map(|line| serde_json::from_slice::<Past>(line).ok());
     lines.filter(|p| p.sum == sum_of(p)).collect()
+}
+
+/// Whether each line of a history verifies, but for one that a power loss truncated.
+pub fn is_whole(bytes: &[u8]) -> bool {
+    /// The last key of a line, and the length of its value with what follows it.
+    const LAST: &str = "\"sum\":\"";
+    const ENDS: usize = 34;
+    let fine = |line: &[u8]| {
+        let whole = serde_json::from_slice::<Past>(line).is_ok_and(|p| p.sum == sum_of(&p));
+        let text = String::from_utf8_lossy(line);
+        let cut = text.rfind(LAST).is_none_or(|at| text.len() < at + LAST.len() + ENDS);
+        whole || cut && text.starts_with('{') && !text.ends_with("\"}")
+    };
+    bytes.split(|b| *b == b'\n').all(|line| line.is_empty() || fine(line))
 }
 
 /// Adds a run; its number is the next.
@@ -79,6 +99,7 @@ pub fn add(store: &Store, pipeline: &str, mut past_run: Past, snapshot: &Snapsho
         // Its name has to come to the disk as well as its lines.
         store.write(&path, &[])?;
     }
+    heal(store, pipeline, &path)?;
     if store.is_copy() {
         // An object is written as a whole.
         let before = fs::read(&path).map_err(|e| Fault::machine(format!("cannot read {}: {e}", path.display())))?;
@@ -91,10 +112,25 @@ pub fn add(store: &Store, pipeline: &str, mut past_run: Past, snapshot: &Snapsho
     written.map_err(|e| Fault::machine(format!("cannot write {}: {e}", path.display())))
 }
 
+/// Writes a history anew without its damaged lines, which nothing reads; the file as it was is set aside.
+fn heal(store: &Store, pipeline: &str, path: &Path) -> Result<(), Fault> {
+    let before = fs::read(path).unwrap_or_default();
+    if is_whole(&before) {
+        return Ok(());
+    }
+    store.write(&store.root().join("damaged").join(format!("{pipeline}.jsonl")), &before)?;
+    let mut whole = vec![];
+    for past in past(store.root(), pipeline) {
+        whole.push(b'\n');
+        whole.extend(serde_json::to_vec(&past).map_err(|e| Fault::machine(e.to_string()))?);
+    }
+    store.write(path, &whole)
+}
+
 fn names(root: &Path) -> Vec<String> {
     let entries = fs::read_dir(root.join("runs")).into_iter().flatten().flatten();
     let named = entries.filter_map(|e| Some(e.file_name().to_str()?.strip_suffix(".jsonl")?.to_owned()));
-    let mut found: Vec<String> = named.collect();
+    let mut found: Vec<String> = named.filter(|name| pipeline_name(name).is_ok()).collect();
     found.sort();
     found
 }

@@ -1,14 +1,21 @@
 //! The inputs of the tables, stored with them.
 
-use std::{collections::BTreeMap, fs, path::Path};
+use std::{
+    collections::BTreeMap,
+    fs,
+    path::{Path, PathBuf},
+};
 
-use schemas::{ColumnType, Fault};
+use schemas::{ColumnType, Fault, paths};
 use serde::{Deserialize, Serialize};
 
 use crate::{
+    keys::Key,
     plan::{Graph, Instance, Plan, Ref, TableNode},
     remote::cache,
-    store::Store,
+    sources,
+    spec::{Spec, publish::Restricted},
+    store::{Store, pipeline_name},
 };
 
 /// A pipeline at its last run.
@@ -18,6 +25,9 @@ pub struct Snapshot {
     pub pipeline: String,
     /// The spec, as the user named it.
     pub spec: String,
+    /// The full path of the spec, and the hash of its text: see [`made_by_another`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub made_by: Option<(String, String)>,
     /// The seed.
     pub seed: u64,
     /// Its sources.
@@ -37,6 +47,9 @@ pub struct SnapshotSource {
     pub files: Vec<(String, String)>,
     /// The key of each line (`flight/line`), or of the map.
     pub lines: BTreeMap<String, String>,
+    /// The columns that were restricted; `*` is all of them.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub restricted: Vec<String>,
 }
 
 /// A table that a stage made.
@@ -93,12 +106,14 @@ pub fn record(graph: &Graph, store: &Store, costs: &[(usize, f64)], left: &[usiz
         kind: "flights".to_owned(),
         files: files(graph, i),
         lines: graph.records[i].values().map(|l| (format!("{}/{}", l.flight, l.line), l.object.to_string())).collect(),
+        restricted: restricted(&plan.spec, &f.name),
     });
     let maps = plan.maps.iter().enumerate().map(|(i, m)| SnapshotSource {
         name: m.name.clone(),
         kind: m.word().to_owned(),
         files: files(graph, plan.flights.len() + i),
         lines: [("map".to_owned(), graph.maps[i].to_string())].into(),
+        restricted: restricted(&plan.spec, &m.name),
     });
     let sources = flights.chain(maps).collect();
     let tables = plan.tables.iter().enumerate().filter_map(|(t, node)| {
@@ -112,11 +127,12 @@ pub fn record(graph: &Graph, store: &Store, costs: &[(usize, f64)], left: &[usiz
     let snapshot = Snapshot {
         pipeline: plan.spec.name.clone(),
         spec: plan.spec.file.clone(),
+        made_by: made_by(&plan.spec),
         seed: plan.spec.seed,
         sources,
         tables: tables.collect(),
     };
-    let text = serde_json::to_vec_pretty(&snapshot).map_err(|e| Fault::machine(e.to_string()))?;
+    let text = sources::sealed(&snapshot)?;
     let file = store.root().join("plans").join(format!("{}.json", plan.spec.name));
     if std::fs::read(&file).ok().as_ref() != Some(&text) {
         store.write(&file, &text)?;
@@ -191,6 +207,67 @@ fn made_from(plan: &Plan, it: &Instance, name: &str) -> Vec<(String, String)> {
     }
 }
 
+/// The columns of a table of files that are restricted today; `*` is all of them.
+fn restricted(spec: &Spec, table: &str) -> Vec<String> {
+    match spec.tables.iter().find(|t| t.name == table).map(|t| t.protection.now()) {
+        None | Some(Restricted::None) => vec![],
+        Some(Restricted::All) => vec!["*".to_owned()],
+        Some(Restricted::Columns(names)) => names,
+    }
+}
+
+/// The columns of files of this plan that an earlier run of the store has recorded as restricted, and that no longer are.
+pub fn lifted(graph: &Graph, store: &Store) -> Vec<String> {
+    let plan = graph.plan;
+    let names = plan.flights.iter().map(|f| &f.name).chain(plan.maps.iter().map(|m| &m.name));
+    let now: Vec<(&String, Vec<(String, String)>)> =
+        names.enumerate().map(|(i, name)| (name, files(graph, i))).collect();
+    let folders = ["runs", "plans"].map(|folder| store.root().join(folder));
+    let notes = folders.iter().flat_map(|folder| fs::read_dir(folder).into_iter().flatten().flatten());
+    let notes = notes.map(|e| e.path()).filter(|path| path.extension().is_some_and(|e| e == "json"));
+    let read = |path: PathBuf| serde_json::from_slice::<Snapshot>(&paths::read_regular(&path).ok()?).ok();
+    let mut found = vec![];
+    for before in notes.filter_map(read).flat_map(|snapshot| snapshot.sources).filter(|s| !s.restricted.is_empty()) {
+        let same =
+            |files: &[(String, String)]| files.iter().any(|(_, hash)| before.files.iter().any(|(_, h)| h == hash));
+        for (name, _) in now.iter().filter(|(_, files)| same(files)) {
+            let still = restricted(&plan.spec, name);
+            let gone = before.restricted.iter().filter(|c| !still.contains(c) && !still.iter().any(|c| c == "*"));
+            found.extend(gone.map(|column| format!("{name}.{column}")));
+        }
+    }
+    found.sort();
+    found.dedup();
+    found
+}
+
+/// The full path of a spec, and the hash of its text; `None` where it is no file.
+fn made_by(spec: &Spec) -> Option<(String, String)> {
+    let path = fs::canonicalize(&spec.file).ok()?;
+    Some((path.to_string_lossy().into_owned(), Key::of([&spec.text]).to_string()))
+}
+
+/// The spec that made the pipeline of `spec` in its store, where that is another one and the store lies outside of the folder of
+/// `spec`: a spec from elsewhere must not replace tables that its user did not mean. A store that the user names by `--set` is
+/// meant.
+pub fn made_by_another(spec: &Spec) -> Option<String> {
+    let named = spec.sets.iter().any(|set| set.trim_start().starts_with("store"));
+    let inside = match (fs::canonicalize(&spec.folder), fs::canonicalize(&spec.store)) {
+        (Ok(folder), Ok(store)) => store.starts_with(folder),
+        // There is no store yet.
+        (_, Err(_)) => true,
+        (Err(_), Ok(_)) => false,
+    };
+    if named || inside || spec.store_at.is_some() {
+        return None;
+    }
+    let there = snapshots(&spec.store).into_iter().find(|s| s.pipeline == spec.name)?;
+    let (path, hash) = there.made_by?;
+    let own = made_by(spec);
+    let same = own.is_some_and(|(own_path, own_hash)| own_path == path || own_hash == hash);
+    (!same).then_some(path)
+}
+
 /// All pipelines that were run in the store at `root`, by name.
 pub fn snapshots(root: &Path) -> Vec<Snapshot> {
     let mut found: Vec<Snapshot> = fs::read_dir(root.join("plans"))
@@ -199,7 +276,11 @@ pub fn snapshots(root: &Path) -> Vec<Snapshot> {
         .flatten()
         .map(|e| e.path())
         .filter(|path| path.extension().is_some_and(|e| e == "json"))
-        .filter_map(|path| serde_json::from_slice(&fs::read(path).ok()?).ok())
+        .filter_map(|path| {
+            let found: Snapshot = serde_json::from_slice(&paths::read_regular(&path).ok()?).ok()?;
+            let own = path.file_stem().and_then(|name| name.to_str()) == Some(found.pipeline.as_str());
+            (own && pipeline_name(&found.pipeline).is_ok()).then_some(found)
+        })
         .collect();
     found.sort_by(|a, b| a.pipeline.cmp(&b.pipeline));
     found

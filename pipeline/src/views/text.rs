@@ -1,5 +1,7 @@
 //! Numbers and tables as text.
 
+use schemas::one_line;
+
 use crate::plan::Point;
 
 /// A number as it is read: four significant digits.
@@ -21,6 +23,8 @@ pub fn point_words(point: &Point) -> String {
 
 /// Rows of words in columns: the first `left` flush left, the others flush right.
 pub fn columns(table: &[Vec<String>], left: usize) -> String {
+    let table: Vec<Vec<String>> =
+        table.iter().map(|row| row.iter().map(|word| one_line(word).into_owned()).collect()).collect();
     let count = table.iter().map(Vec::len).max().unwrap_or(0);
     let wide = |c: usize| table.iter().filter_map(|r| r.get(c)).map(|w| w.chars().count()).max().unwrap_or(0);
     let widths: Vec<usize> = (0..count).map(wide).collect();

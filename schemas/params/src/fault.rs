@@ -2,6 +2,8 @@
 
 use std::{fmt, ops::Range};
 
+use crate::one_line;
+
 /// Who has to act on a fault.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Owner {
@@ -153,7 +155,7 @@ impl fmt::Display for Fault {
         ];
         let place: Vec<String> = parts.into_iter().flatten().collect();
         if !place.is_empty() {
-            write!(f, "{}: ", place.join(", "))?;
+            write!(f, "{}: ", one_line(&place.join(", ")))?;
         }
         write!(f, "{}", self.what)?;
         if let Some(help) = &self.help {

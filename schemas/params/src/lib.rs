@@ -9,11 +9,14 @@
 mod fault;
 mod group;
 mod kind;
+pub mod paths;
 mod section;
 mod value;
+mod visible;
 
 pub use fault::{Fault, Owner, Place, nearest, render};
 pub use group::{Nested, Param, ParamDoc, Params, Reader, Sections, collect_doc, first, no_text, obeys, words_rule};
 pub use kind::{Chosen, Kind, Kinds, Lists, Own, Several};
 pub use section::{Args, Given, Section, literal};
 pub use value::{Literal, OrAuto, Rule, Value, Word};
+pub use visible::{one_line, visible};

@@ -94,6 +94,10 @@ pub trait StageDyn: Send + Sync {
     fn effort(&self) -> f64;
     /// See [`Stage::manner`].
     fn manner(&self) -> &'static str;
+    /// See [`Stage::expressions`].
+    fn expressions(&self) -> Vec<(Option<&str>, &str)>;
+    /// See [`Stage::memorises`].
+    fn memorises(&self) -> bool;
     /// See [`Stage::yields`].
     ///
     /// # Errors
@@ -121,6 +125,14 @@ impl<S: Stage> StageDyn for S {
 
     fn manner(&self) -> &'static str {
         Stage::manner(self)
+    }
+
+    fn expressions(&self) -> Vec<(Option<&str>, &str)> {
+        Stage::expressions(self)
+    }
+
+    fn memorises(&self) -> bool {
+        Stage::memorises(self)
     }
 
     fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {

@@ -13,7 +13,9 @@
 //! assert_eq!(difference.unit, Unit::Of("nT".to_owned()));
 //! ```
 
+mod bounded;
 pub mod deep;
+mod linear;
 pub mod row;
 mod unit;
 
@@ -36,10 +38,11 @@ use datafusion::{
 };
 use schemas::{Fault, Shape};
 
+pub use linear::is_linear;
 pub use unit::Unit;
 
 /// DataFusion with all its functions; building it takes a millisecond, and a sweep may have one expression per point.
-static SQL: LazyLock<SessionState> = LazyLock::new(|| SessionContext::new().state());
+pub(crate) static SQL: LazyLock<SessionState> = LazyLock::new(|| SessionContext::new().state());
 
 /// The Arrow schema that the columns of a table have in expressions.
 pub fn schema_of(shape: &Shape) -> Schema {
@@ -64,6 +67,7 @@ pub fn parse(sql: &str, shape: &Shape, subject: &str) -> Result<Expr, Fault> {
     deep::check(&parsed.expr, deep::PREDICATE)?;
     let expr = SQL.create_logical_expr_from_sql_expr(parsed, &schema).map_err(wrong)?;
     row::check(&expr, subject)?;
+    bounded::check(&expr, &schema, subject)?;
     Ok(expr)
 }
 
@@ -175,8 +179,8 @@ impl Expression {
         let options = RecordBatchOptions::new().with_row_count(Some(rows));
         let batch = RecordBatch::try_new_with_options(self.schema.clone(), arrays, &options);
         let batch = batch.map_err(|e| Fault::data(e.to_string()))?;
-        let values = self.physical.evaluate(&batch).and_then(|v| v.into_array(rows));
-        values.map_err(|e| Fault::data(format!("{} cannot be evaluated: {}", self.subject, e.find_root())))
+        evaluate(&self.physical, &batch)
+            .map_err(|e| Fault::data(format!("{} cannot be evaluated: {}", self.subject, e.find_root())))
     }
 
     /// Its values as numbers, NaN where one is missing or infinite.
@@ -199,6 +203,32 @@ impl Expression {
         let gives = || Fault::data(format!("{} gives {}, not true or false", self.subject, array.data_type()));
         Ok(array.as_boolean_opt().ok_or_else(gives)?.iter().map(|x| x.unwrap_or(false)).collect())
     }
+}
+
+/// The values of an expression, one for each row of `batch`. Some rows at a time where there are texts, whose intermediate
+/// values may be large.
+///
+/// # Errors
+/// Fails where it cannot be evaluated on these values.
+pub fn evaluate(expr: &Arc<dyn PhysicalExpr>, batch: &RecordBatch) -> Result<ArrayRef, DataFusionError> {
+    let rows = batch.num_rows();
+    let texts = batch.schema_ref().fields().iter().any(|f| !f.data_type().is_numeric());
+    if rows <= bounded::ROWS || !(texts || has_text(expr, batch.schema_ref())) {
+        return expr.evaluate(batch)?.into_array(rows);
+    }
+    let part = |from| {
+        let part = batch.slice(from, bounded::ROWS.min(rows - from));
+        expr.evaluate(&part)?.into_array(part.num_rows())
+    };
+    let parts = (0..rows).step_by(bounded::ROWS).map(part).collect::<Result<Vec<_>, DataFusionError>>()?;
+    let parts: Vec<&dyn Array> = parts.iter().map(|array| array.as_ref()).collect();
+    Ok(arrow_select::concat::concat(&parts)?)
+}
+
+/// Whether texts are made on the way.
+fn has_text(expr: &Arc<dyn PhysicalExpr>, schema: &Schema) -> bool {
+    let is_text = |kind: DataType| matches!(kind, DataType::Utf8 | DataType::LargeUtf8 | DataType::Utf8View);
+    expr.data_type(schema).is_ok_and(is_text) || expr.children().into_iter().any(|child| has_text(child, schema))
 }
 
 /// The column with null for NaN.

@@ -201,6 +201,7 @@ impl Watch {
             Err(Stop::Wrong(text)) => (Status::Wrong, Some(text.clone())),
             Err(Stop::Locked(text)) => (Status::Locked, Some(text.clone())),
             Err(Stop::OutOfTime) => (Status::OutOfTime, Some(super::STOPPED.to_owned())),
+            Err(Stop::Told(_)) => (Status::Failed, None),
             Err(Stop::Interrupted) => (Status::Interrupted, Some(interrupt::SAID.to_owned())),
         };
         self.over(&Ended { status, error, summary });

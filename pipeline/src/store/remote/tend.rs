@@ -11,8 +11,9 @@ use schemas::Fault;
 use super::{
     super::{
         Store, attempts, catalogue,
+        scrub::Scrubbed,
         sealed::{Trouble, verify},
-        tend::{Collect, Collected, Scrubbed, packs_unknown},
+        tend::{Collect, Collected, packs_unknown},
     },
     Remote,
 };

@@ -35,6 +35,13 @@ pub fn fault(e: &DataFusionError, session: &Session, query: &str) -> Fault {
         root => {
             let text = root.strip_backtrace();
             let text = text.lines().next().unwrap_or_default().to_owned();
+            // Offsets of texts and lists have 31 bits, and DataFusion's tasks end with a panic beyond.
+            let lower = text.to_lowercase();
+            let too_long = ["offset overflow", "size overflow", "failed to allocate"].iter().any(|w| lower.contains(w));
+            if text.contains("panicked") || too_long {
+                return Fault::machine(format!("the query has values that are too large: {text}"))
+                    .help("a narrower WHERE, shorter texts or fewer columns make it smaller");
+            }
             let no_table = text.contains("not found") && (text.contains("table") || text.contains("schema"));
             let missing = if no_table { missing(session, query) } else { None };
             missing.unwrap_or_else(|| Fault::new(format!("the query cannot be answered: {text}")))

@@ -1,0 +1,172 @@
+//! The verification of a store: every byte that a run has written, against its checksum.
+
+use std::{
+    collections::BTreeMap,
+    fs,
+    path::{Path, PathBuf},
+};
+
+use schemas::{Fault, paths};
+
+use super::{
+    LAYOUT, Objects, Store, catalogue, checkpoints, lock, pipeline_name, plans,
+    sealed::{Trouble, verify},
+    trouble,
+    version::{Version, newest, versions},
+};
+use crate::{cost, keys::Key, sources, views};
+
+/// The note on a damaged file that a run does not repair.
+const OLDER: &str = "; it is of an older version, which `magline gc --yes` drops";
+
+/// The result of verifying a store.
+#[derive(Debug, Default)]
+pub struct Scrubbed {
+    /// Files that were read.
+    pub files: usize,
+    /// Their bytes.
+    pub bytes: u64,
+    /// Damaged files, and why.
+    pub damaged: BTreeMap<PathBuf, String>,
+}
+
+/// Whether the mark of the store at `root` is damaged: opening a store for writing writes it anew.
+pub fn mark_is_damaged(root: &Path) -> bool {
+    paths::read_regular(&root.join("STORE")).is_ok_and(|bytes| bytes != LAYOUT.as_bytes())
+}
+
+/// Reads every byte of a store. Packs that do not verify are quarantined; the next run recomputes them, and republishes damaged
+/// tables.
+///
+/// # Errors
+/// Fails when a file cannot be read.
+pub fn scrub(store: &Store, tick: &(dyn Fn(usize, usize) + Sync)) -> Result<Scrubbed, Fault> {
+    if let Some(remote) = store.remote() {
+        return remote.scrub(store, tick);
+    }
+    let found = read(store.root(), store, tick)?;
+    store.write_index()?;
+    Ok(found)
+}
+
+/// Reads every byte of the store at `root`, and changes nothing: for a store that cannot be written.
+///
+/// # Errors
+/// Fails when a file cannot be read.
+pub fn scrub_read_only(root: &Path, tick: &(dyn Fn(usize, usize) + Sync)) -> Result<Scrubbed, Fault> {
+    read(root, &Objects::open(root)?, tick)
+}
+
+fn read(root: &Path, objects: &Objects, tick: &(dyn Fn(usize, usize) + Sync)) -> Result<Scrubbed, Fault> {
+    let mut found = Scrubbed::default();
+    for text in objects.damaged() {
+        let (path, why) = text.split_once(": ").unwrap_or((&text, ""));
+        found.damaged.insert(PathBuf::from(path), why.to_owned());
+    }
+    small(root, &mut found)?;
+    let packs: Vec<Key> = objects.catalogue().packs().map(|p| p.id).collect();
+    // Each file, the pack that it is, and a note.
+    let mut files: Vec<(PathBuf, Option<Key>, &str)> =
+        packs.iter().map(|id| (objects.file(*id), Some(*id), "")).collect();
+    for pipeline in fs::read_dir(root.join("versions")).into_iter().flatten().flatten() {
+        let name = pipeline.file_name();
+        let Some(name) = name.to_str() else { continue };
+        let now = newest(root, name);
+        for (_, folder) in versions(root, name) {
+            // No run publishes an older version again.
+            let more = if now.as_ref() == Some(&folder) { "" } else { OLDER };
+            let Some(version) = Version::open(&folder) else {
+                let why = format!("its checksum is wrong, or it leads out of the store{more}");
+                found.damaged.insert(folder.join("version.json"), why);
+                continue;
+            };
+            // Files that are packs are checked as such, unless they are copies.
+            let own = version.manifest.tables.iter().flat_map(|t| t.files.iter().chain(&t.units));
+            let is_link = |pack: &Option<String>, file: &Path| {
+                let id = pack.as_deref().and_then(Key::parse);
+                id.is_some_and(|id| same_file(file, &objects.file(id)))
+            };
+            let own = own.map(|f| (folder.join(&f.name), &f.pack)).filter(|(file, pack)| !is_link(pack, file));
+            files.extend(own.map(|(file, _)| (file, None, more)));
+        }
+    }
+    for folder in entries(&root.join("quality")) {
+        files.extend(entries(&folder).into_iter().map(|file| (file, None, "")));
+    }
+    let all = files.len();
+    for (i, (file, pack, more)) in files.into_iter().enumerate() {
+        tick(i, all);
+        found.files += 1;
+        found.bytes += fs::metadata(&file).map_or(0, |m| m.len());
+        match verify(&file) {
+            Ok(()) => {}
+            Err(Trouble::Machine(why)) => return Err(trouble("read", &file, &why)),
+            Err(other) => {
+                if let Some(id) = pack {
+                    objects.set_aside(id, &other.to_string());
+                }
+                found.damaged.insert(file, format!("{other}{more}"));
+            }
+        }
+    }
+    Ok(found)
+}
+
+/// The small files of a store, each of which is read whole and verifies itself.
+fn small(root: &Path, found: &mut Scrubbed) -> Result<(), Fault> {
+    let mut check = |file: PathBuf, is_whole: &dyn Fn(&str, &[u8]) -> bool| -> Result<(), Fault> {
+        let bytes = match paths::read_regular(&file) {
+            Ok(bytes) => bytes,
+            Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(()),
+            Err(e) if e.kind() == std::io::ErrorKind::InvalidInput => {
+                found.damaged.insert(file, e.to_string());
+                return Ok(());
+            }
+            Err(e) => return Err(trouble("read", &file, &e)),
+        };
+        let name = file.file_name().and_then(|name| name.to_str()).unwrap_or_default().to_owned();
+        found.files += 1;
+        found.bytes += bytes.len() as u64;
+        if !is_whole(&name, &bytes) {
+            found.damaged.insert(file, "its checksum is wrong".to_owned());
+        }
+        Ok(())
+    };
+    check(root.join("index"), &|_, bytes| catalogue::parse(bytes).is_some())?;
+    let named = |name: &str, bytes: &[u8]| name == format!("{}.json", Key::of([bytes]));
+    let rules: [(&str, &dyn Fn(&str, &[u8]) -> bool); 6] = [
+        ("sources", &|_, bytes| sources::is_whole(bytes)),
+        ("plans", &|name, bytes| match name.strip_suffix(".json") {
+            Some(pipeline) => pipeline_name(pipeline).is_ok() && sources::is_whole(bytes),
+            None => plans::is_whole(name, bytes),
+        }),
+        ("runs", &|name, bytes| match name.strip_suffix(".jsonl") {
+            Some(pipeline) => pipeline_name(pipeline).is_ok() && views::history::is_whole(bytes),
+            None => named(name, bytes),
+        }),
+        (cost::FOLDER, &|_, bytes| cost::is_whole(bytes)),
+        (checkpoints::FOLDER, &|_, bytes| checkpoints::is_whole(bytes)),
+        ("locks", &|name, bytes| lock::is_whole(name, bytes)),
+    ];
+    for (folder, is_whole) in rules {
+        for file in entries(&root.join(folder)) {
+            check(file, is_whole)?;
+        }
+    }
+    Ok(())
+}
+
+/// What a folder contains, sorted.
+fn entries(folder: &Path) -> Vec<PathBuf> {
+    let mut found: Vec<PathBuf> = fs::read_dir(folder).into_iter().flatten().flatten().map(|e| e.path()).collect();
+    found.sort();
+    found
+}
+
+fn same_file(a: &Path, b: &Path) -> bool {
+    use std::os::unix::fs::MetadataExt;
+    match (fs::metadata(a), fs::metadata(b)) {
+        (Ok(a), Ok(b)) => (a.dev(), a.ino()) == (b.dev(), b.ino()),
+        _ => false,
+    }
+}
