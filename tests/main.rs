@@ -13,6 +13,7 @@ mod calibration;
 mod cluster;
 #[cfg(feature = "cluster")]
 mod cluster_support;
+mod corrections;
 mod cost;
 mod examples;
 mod failures;
@@ -36,6 +37,7 @@ mod plausible;
 mod power_loss;
 mod publish;
 mod queries;
+mod rates;
 mod readers;
 mod reuse;
 mod rivals;

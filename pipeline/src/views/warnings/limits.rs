@@ -48,6 +48,8 @@ pub const NIS: Law = Law { mean: 1.0, factor: 4.0 };
 
 /// The least part of the geology that compensation should leave.
 pub const RETENTION: f64 = 0.9;
+/// Standard errors that a retention must be below its limit.
+pub const RETENTION_ERRORS: f64 = 2.0;
 
 /// The share of a line's samples that may be off the map.
 pub const OFF_MAP: f64 = 0.5;
