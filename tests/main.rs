@@ -15,6 +15,7 @@ mod cluster;
 mod cluster_strangers;
 #[cfg(feature = "cluster")]
 mod cluster_support;
+mod corrections;
 mod cost;
 mod examples;
 mod failures;
@@ -39,6 +40,7 @@ mod plausible;
 mod power_loss;
 mod publish;
 mod queries;
+mod rates;
 mod readers;
 mod reuse;
 mod rivals;

@@ -4,7 +4,7 @@ use std::{collections::HashMap, fmt};
 
 use arrow_schema::{DataType, Field, Schema};
 
-use crate::Fault;
+use crate::{Correction, Fault, Removed, Sampling, removed};
 
 /// What a column may be used for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -104,13 +104,29 @@ pub struct Column {
     pub doc: String,
     /// The columns it was made from: (position of the input, column name).
     pub from: Vec<(usize, String)>,
+    /// The entries of a list that depend on the sample rate.
+    pub sampling: Sampling,
+    /// The corrections that a magnetic reading has had.
+    pub removed: Removed,
+    /// The correction of a reading that the subtraction of this column makes.
+    pub correction: Option<Correction>,
 }
 
 impl Column {
     /// A derived Float64 column.
     pub fn float(name: impl Into<String>, unit: impl Into<String>, doc: impl Into<String>) -> Self {
-        let column_type = ColumnType::Float;
-        Self { name: name.into(), column_type, unit: unit.into(), role: Role::Derived, doc: doc.into(), from: vec![] }
+        let name = name.into();
+        Self {
+            correction: Correction::by_column(&name),
+            name,
+            column_type: ColumnType::Float,
+            unit: unit.into(),
+            role: Role::Derived,
+            doc: doc.into(),
+            from: vec![],
+            sampling: Sampling::default(),
+            removed: Removed::new(),
+        }
     }
 
     /// A derived text column.
@@ -123,9 +139,11 @@ impl Column {
         Self { column_type: ColumnType::Other(DataType::Int64), ..Self::float(name, unit, doc) }
     }
 
-    /// A derived fixed-size list of Float64, its entries named by `terms`.
+    /// A derived fixed-size list of Float64, its entries named by `terms`. Names such as `xx_dot` and `a_lag_3` say which
+    /// of them depend on the sample rate; [`Column::sampling`] may say otherwise.
     pub fn list(name: impl Into<String>, unit: impl Into<String>, doc: impl Into<String>, terms: Vec<String>) -> Self {
-        Self { column_type: ColumnType::List(terms), ..Self::float(name, unit, doc) }
+        let sampling = Sampling::of_names(&terms);
+        Self { column_type: ColumnType::List(terms), sampling, ..Self::float(name, unit, doc) }
     }
 
     /// Says what it was made from: columns of the input at position `input`.
@@ -140,17 +158,22 @@ impl Column {
         self
     }
 
-    /// The Arrow field, with `terms` in the metadata of a list.
+    /// Says which corrections it has had.
+    pub fn without(mut self, removed: Removed) -> Self {
+        self.removed = removed;
+        self
+    }
+
+    /// The Arrow field, with `terms`, `per_sample` and `rate_hz` in the metadata of a list, and `removed` where something was.
     pub fn field(&self) -> Field {
         let plain = field(&self.name, self.column_type.data_type(), &self.unit, self.role, &self.doc);
-        match &self.column_type {
-            ColumnType::List(terms) => {
-                let mut metadata = plain.metadata().clone();
-                metadata.insert("terms".to_owned(), terms.join(","));
-                plain.with_metadata(metadata)
-            }
-            _ => plain,
+        let mut metadata = plain.metadata().clone();
+        if let ColumnType::List(terms) = &self.column_type {
+            metadata.insert("terms".to_owned(), terms.join(","));
+            self.sampling.write(terms, &mut metadata);
         }
+        removed::write(&self.name, &self.removed, self.correction, &mut metadata);
+        plain.with_metadata(metadata)
     }
 }
 
@@ -166,7 +189,14 @@ pub fn describe_field(field: &Field) -> Column {
         other => ColumnType::Other(other.clone()),
     };
     let role = Role::parse(&get("role")).unwrap_or(Role::Aux);
-    Column { name: field.name().clone(), column_type, unit: get("unit"), role, doc: get("description"), from: vec![] }
+    let sampling = match &column_type {
+        ColumnType::List(terms) => Sampling::read(terms, field.metadata()),
+        _ => Sampling::default(),
+    };
+    let removed = removed::read(field.name(), field.metadata());
+    let correction = removed::correction(field.name(), field.metadata());
+    let (name, unit, doc) = (field.name().clone(), get("unit"), get("description"));
+    Column { name, column_type, unit, role, doc, from: vec![], sampling, removed, correction }
 }
 
 impl fmt::Display for Column {

@@ -9,6 +9,8 @@ pub mod flight;
 pub mod map;
 pub mod metric;
 pub mod plausible;
+mod removed;
+mod sampling;
 mod stage;
 mod unit;
 
@@ -18,6 +20,8 @@ pub use params::{
     Place, Reader, Rule, Section, Sections, Several, Value, Word, choice, collect_doc, first, literal, nearest,
     no_text, obeys, one_line, params, paths, render, visible, words_rule,
 };
+pub use removed::{Correction, Removed};
+pub use sampling::{RateLaw, Sampling, is_same_rate};
 pub use stage::{
     AnyLinePoint, AnyStage, AnySurveyPoint, Arrays, Build, Entry, Gather, GatherDyn, Grain, Head, InputDecl, InputKind,
     KindDoc, LineIn, LinePoint, LineStage, LineStageDyn, MapStage, MapStageDyn, Part, Passes, Prepared, Product, Stage,

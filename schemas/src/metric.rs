@@ -29,6 +29,8 @@ pub enum Pool {
     Mean,
     /// As a sum: numbers of samples.
     Sum,
+    /// As the standard error of the mean of independent figures, weighted as that mean.
+    Error,
 }
 
 impl Pool {
@@ -41,6 +43,7 @@ impl Pool {
                 Self::Rms => n * value * value,
                 Self::Mean => n * value,
                 Self::Sum => value,
+                Self::Error => (n * value).powi(2),
             };
         }
         match self {
@@ -48,6 +51,7 @@ impl Pool {
             Self::Rms => (sum / weight).sqrt(),
             Self::Mean => sum / weight,
             Self::Sum => sum,
+            Self::Error => sum.sqrt() / weight,
         }
     }
 
@@ -57,6 +61,7 @@ impl Pool {
             Self::Rms => "root mean square",
             Self::Mean => "mean",
             Self::Sum => "sum",
+            Self::Error => "standard error of the mean",
         }
     }
 }
@@ -140,6 +145,8 @@ mod tests {
         let lines = || [(3.0, 100.0), (4.0, 300.0)].into_iter();
         assert_eq!(Pool::Rms.value(lines()), ((9.0 * 100.0 + 16.0 * 300.0) / 400.0f64).sqrt());
         assert_eq!((Pool::Mean.value(lines()), Pool::Sum.value(lines())), (3.75, 7.0));
+        // Equal errors of equal weights fall with the root of their number.
+        assert_eq!(Pool::Error.value([(0.4, 9.0); 4].into_iter()), 0.2);
         assert!([Pool::Rms, Pool::Mean, Pool::Sum].iter().all(|p| p.value(std::iter::empty()).is_nan()));
     }
 

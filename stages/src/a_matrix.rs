@@ -16,13 +16,14 @@ stage! {
     ///
     /// With B the vector magnetometer, Bt its magnitude (or `scalar`), dB the central difference of B per sample and s
     /// `bt_scale_nt`: permanent B_i/Bt, induced B_i B_j/(Bt s), eddy B_i dB_j/(Bt s), derivative dB_i, bias 1. The names
-    /// of the terms are in the field's metadata `terms`.
+    /// of the terms are in the field's metadata `terms`, those that are differences in `per_sample`, and the rate of the lines in
+    /// `rate_hz` where a `resample` set it. `fit` writes the rate to its table, and what applies a model converts to it.
     ///
     /// Differences are one-sided at the ends of a line and beside a gap, and never cross one. A sample without a vector
     /// gives a row of NaN. Groups with differences need evenly spaced samples, otherwise the line is an error.
     ///
     /// Source: W. E. Tolles and J. D. Lawson 1950; thesis 000, (3.13) to (3.20) with the scale of its Tables 3.1 and 3.2.
-    AMatrix = "a_matrix", version 1, grain Line, inputs [input: Lines],
+    AMatrix = "a_matrix", version 2, grain Line, inputs [input: Lines],
     example r#"
 [[stages]]
 name   = "a_matrix"
@@ -79,7 +80,8 @@ impl Stage for AMatrix {
         let mut reads: Vec<&str> = vec!["tt"];
         reads.extend(axes.iter().map(String::as_str));
         reads.extend(self.scalar.as_deref());
-        let tl = Column::list("tl", "", "Tolles-Lawson terms", names).from(0, &reads);
+        let mut tl = Column::list("tl", "", "Tolles-Lawson terms", names).from(0, &reads);
+        tl.sampling.rate_hz = shape.rate_hz.filter(|_| !tl.sampling.entries.is_empty());
         Ok(Yield::append(vec![tl], &reads))
     }
 }

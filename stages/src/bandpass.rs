@@ -6,6 +6,7 @@ use schemas::{Arrays, Column, Fault, LineIn, LineStage, Role, Rule, Stage, Table
 
 use crate::{
     columns::{band, data, faults_of, shape},
+    corrections::like,
     filtered::{Angles, filtered},
 };
 
@@ -21,7 +22,7 @@ stage! {
     ///
     /// Source: F. Gustafsson, Determining the initial states in forward-backward filtering, 1996; the defaults are
     /// those of thesis 000, section 3.4.
-    Bandpass = "bandpass", version 1, grain Line, inputs [input: Lines],
+    Bandpass = "bandpass", version 2, grain Line, inputs [input: Lines],
     example r#"
 [[stages]]
 name    = "bandpass"
@@ -69,7 +70,8 @@ impl Stage for Bandpass {
             let unit = shape.get(c).map(|x| x.unit.clone()).unwrap_or_default();
             // The truth stays the truth through a filter.
             let role = shape.get(c).map(|x| x.role).filter(|r| *r == Role::Truth).unwrap_or(Role::Derived);
-            Column::float(format!("{c}_bp"), unit, format!("{c}, band-passed")).role(role).from(0, &["tt", c])
+            let column = Column::float(format!("{c}_bp"), unit, format!("{c}, band-passed"));
+            like(column, shape, c).role(role).from(0, &["tt", c])
         });
         let reads: Vec<&str> = std::iter::once("tt").chain(self.columns.iter().map(String::as_str)).collect();
         Ok(Yield::append(made.collect(), &reads))

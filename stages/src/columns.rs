@@ -3,7 +3,7 @@
 use arrow_array::{Array, ArrayRef, FixedSizeListArray, Float64Array, RecordBatch, cast::AsArray, types::Float64Type};
 use arrow_schema::{DataType, Field};
 use numerics::signal::segments::{STEP_TOLERANCE, sample_rate};
-use schemas::{Column, ColumnType, Fault, Role, Shape, Table};
+use schemas::{Column, ColumnType, Fault, Role, Sampling, Shape, Table};
 use std::sync::Arc;
 
 /// The numbers of a column, borrowed.
@@ -46,6 +46,50 @@ fn not_numbers(name: &str) -> Fault {
 /// Fails as [`sample_rate`], for the column `tt`.
 pub fn even_rate_hz(tt_s: &[f64]) -> Result<f64, Fault> {
     sample_rate(tt_s, STEP_TOLERANCE).map_err(|e| data(e).in_column("tt").help("resample first"))
+}
+
+/// The rate at which the entries of a list column are differences per sample, Hz: that of its metadata, or of its line.
+///
+/// # Errors
+/// When neither is known: there is no `rate_hz` in the metadata, and the samples are not evenly spaced.
+pub fn list_rate_hz(batch: &RecordBatch, sampling: &Sampling) -> Result<f64, Fault> {
+    match sampling.rate_hz {
+        Some(rate_hz) => Ok(rate_hz),
+        None => even_rate_hz(floats(batch, "tt")?),
+    }
+}
+
+/// The laws of the entries of a list column, and the rate at which these were made where one of them depends on it, Hz.
+///
+/// # Errors
+/// When there is no such column, or its rate is needed and unknown.
+pub fn sampling(batch: &RecordBatch, name: &str) -> Result<Sampling, Fault> {
+    let schema = batch.schema();
+    let field = schema.field_with_name(name).map_err(|_| absent(name))?;
+    let mut sampling = schemas::describe_field(field).sampling;
+    if !sampling.entries.is_empty() {
+        sampling.rate_hz = Some(list_rate_hz(batch, &sampling)?);
+    }
+    Ok(sampling)
+}
+
+/// The factor of an entry that was made at `from_hz`, for a model that was fitted at `to_hz`; 1 where the entry does not
+/// depend on the rate.
+///
+/// # Errors
+/// When it depends on the rate, and the rate of the model is unknown or the entry has no equivalent at it.
+pub fn rate_factor(sampling: &Sampling, entry: &str, to_hz: Option<f64>) -> Result<f64, Fault> {
+    let (Some(law), Some(from_hz)) = (sampling.law(entry), sampling.rate_hz) else { return Ok(1.0) };
+    let Some(to_hz) = to_hz else {
+        let what = format!("`{entry}` is a difference per sample, and the table of the model has no `rate_hz`");
+        return Err(Fault::data(what).help("fit the model again: the table of a `fit` holds the rate of its lines"));
+    };
+    law.factor(from_hz, to_hz).ok_or_else(|| {
+        let what = format!(
+            "`{entry}` is the value of an earlier sample, at {from_hz} Hz here and at {to_hz} Hz where the model was fitted"
+        );
+        Fault::data(what).help(format!("`resample` to {to_hz} Hz before `features`"))
+    })
 }
 
 /// Numbers as an array.
@@ -118,6 +162,7 @@ pub fn made_of_each(
     let one = |name: &String| {
         let unit = shape.get(name).map(|c| unit(&c.unit)).unwrap_or_default();
         let column = Column::float(format!("{name}{suffix}"), unit, format!("{name}, {done}"));
+        let column = crate::corrections::like(column, shape, name);
         column.role(role_of(shape, &[name])).from(0, &["tt", name])
     };
     names.iter().map(one).collect()

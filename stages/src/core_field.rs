@@ -6,7 +6,7 @@ use numerics::earth::{
     attitude::body_to_ned,
     core_field::{Coordinate, CoreFieldError, CoreModel, CoreTrack, Ned},
 };
-use schemas::{Arrays, Column, Fault, LineIn, LineStage, Rule, Shape, Stage, Table, Yield, choice, stage};
+use schemas::{Arrays, Column, Correction, Fault, LineIn, LineStage, Rule, Shape, Stage, Table, Yield, choice, stage};
 
 use crate::{
     columns::{array, data, faults_of, floats, shape},
@@ -27,7 +27,7 @@ stage! {
     /// 2,000 km).
     ///
     /// Source: IGRF-14 (IAGA, doi:10.5281/zenodo.14012302); WMM2020 and WMM2025 (NOAA NCEI and BGS).
-    CoreFieldStage = "core_field", version 1, grain Line, inputs [input: Lines],
+    CoreFieldStage = "core_field", version 2, grain Line, inputs [input: Lines],
     example r#"
 [[stages]]
 name         = "core_field"
@@ -123,7 +123,7 @@ impl CoreFieldStage {
         let column =
             |suffix: &str, doc: &str| Column::float(format!("{name}{suffix}"), "nT", doc.to_owned()).from(0, reads);
         let mut made = vec![
-            column("", "core-field magnitude"),
+            Column { correction: Some(Correction::Core), ..column("", "core-field magnitude") },
             column("_n", "core field, northward"),
             column("_e", "core field, eastward"),
             column("_d", "core field, downward"),

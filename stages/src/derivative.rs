@@ -25,7 +25,7 @@ stage! {
     /// column per second.
     ///
     /// Source: Savitzky & Golay 1964, Analytical Chemistry 36(8).
-    Derivative = "derivative", version 1, grain Line, inputs [input: Lines],
+    Derivative = "derivative", version 2, grain Line, inputs [input: Lines],
     example r#"
 [[stages]]
 name    = "derivative"

@@ -5,9 +5,12 @@ use std::collections::BTreeMap;
 use arrow_array::RecordBatch;
 use arrow_schema::DataType;
 use expressions::{Expression, Unit};
-use schemas::{Arrays, Column, Fault, LineIn, LineStage, Shape, Stage, Table, Yield, flight, stage};
+use schemas::{Arrays, Column, Fault, LineIn, LineStage, Removed, Shape, Stage, Table, Yield, flight, stage};
 
-use crate::columns::{array, is_key, role_of, shape};
+use crate::{
+    columns::{array, is_key, role_of, shape},
+    corrections::of_expression,
+};
 
 stage! {
     /// Appends columns that are SQL expressions over the columns of the same row: differences, ratios, clips
@@ -23,7 +26,10 @@ stage! {
     /// ratios of equal units; otherwise `units` says it. Adding or comparing columns of different units is an error. An
     /// expression sees the columns of `input`, not those that it makes; one of the same name is replaced. What is made of
     /// a truth column is truth.
-    Derive = "derive", version 1, grain Line, inputs [input: Lines],
+    ///
+    /// A column in nT has in its metadata `removed` which corrections its terms have had, and those that the expression makes by
+    /// subtracting `igrf` or `diurnal`, so that no later stage makes them again.
+    Derive = "derive", version 2, grain Line, inputs [input: Lines],
     example r#"
 [[stages]]
 name    = "derive"
@@ -98,7 +104,8 @@ impl Derive {
         let reads = &expression.columns;
         // A constant has as many rows as the line.
         let from: Vec<&str> = if reads.is_empty() { vec!["tt"] } else { reads.iter().map(String::as_str).collect() };
-        Ok(Column::float(name, unit, doc).role(role_of(shape, reads)).from(0, &from))
+        let removed = if unit == "nT" { of_expression(&expression, shape) } else { Removed::new() };
+        Ok(Column::float(name, unit, doc).role(role_of(shape, reads)).from(0, &from).without(removed))
     }
 }
 

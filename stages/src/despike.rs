@@ -28,7 +28,7 @@ stage! {
     /// spikes is an error: its threshold is too low, or it is not a signal with spikes. Angles are taken as numbers.
     ///
     /// Source: Hampel 1974, J. Am. Stat. Assoc. 69; Pearson 2002, IEEE Trans. Control Systems Technology 10(1).
-    Despike = "despike", version 2, grain Line, inputs [input: Lines],
+    Despike = "despike", version 3, grain Line, inputs [input: Lines],
     example r#"
 [[stages]]
 name    = "despike"

@@ -8,7 +8,9 @@ use numerics::{
     regression::statistics::median,
     signal::resample::{Method, Plan},
 };
-use schemas::{Arrays, Column, Fault, LineIn, LineStage, Role, Rule, Shape, Stage, Table, Yield, choice, stage};
+use schemas::{
+    Arrays, Column, Correction, Fault, LineIn, LineStage, Role, Rule, Shape, Stage, Table, Yield, choice, stage,
+};
 
 use crate::{
     columns::{array, data, faults_of, floats, shape},
@@ -33,7 +35,7 @@ stage! {
     /// A station moves the level only: `level` is the mean of its whole record, or of the record over the time of the line,
     /// or `level_nt` gives it, such as that of a quiet night. A record of variations (IAGA `Data Type variation`) has no level
     /// of its own to be taken as the field's.
-    Diurnal = "diurnal", version 1, grain Line, inputs [input: Lines, record: ManyRecords],
+    Diurnal = "diurnal", version 2, grain Line, inputs [input: Lines, record: ManyRecords],
     example r#"
 [[stages]]
 name   = "diurnal"
@@ -226,6 +228,7 @@ impl Stage for Diurnal {
             Column::float(&self.column, "nT", "temporal variation of the field, from the record of a station")
                 .role(Role::Sensor)
                 .from(INPUT, &ours);
+        column.correction = Some(Correction::Diurnal);
         let mut yields = Yield::append(vec![], &ours);
         for (i, record) in records.iter().enumerate() {
             let reads = self.reads_of(record.shape());

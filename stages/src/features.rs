@@ -14,7 +14,9 @@ use numerics::{
         segments::{Usable, filter_column},
     },
 };
-use schemas::{Arrays, Column, ColumnType, Fault, LineIn, LineStage, Rule, Shape, Stage, Table, Yield, stage};
+use schemas::{
+    Arrays, Column, ColumnType, Fault, LineIn, LineStage, RateLaw, Rule, Sampling, Shape, Stage, Table, Yield, stage,
+};
 
 use crate::{
     bandpass::design,
@@ -42,12 +44,16 @@ stage! {
     /// Three names stand for sets: `down_selected` (thesis 000, Table C.1), `small_1` and `small_2` (its section 4.9) with
     /// the magnetometer `mag` and the vector magnetometer `vector`.
     ///
+    /// Differences and lags are per sample: the field's metadata `per_sample` names them, with the rate in `rate_hz` where a
+    /// `resample` set it, and what applies a model at another rate converts the differences and refuses the lags. A column of
+    /// the table, such as one of `derivative`, is taken as it is at any rate.
+    ///
     /// Differences, lags and filters stay within a run of samples without gaps; where one cannot be formed it is NaN, and
     /// `fit` leaves the row out. A truth column is refused, and so is a feature of which a part is missing.
     ///
     /// Source: thesis 000, section 4.8 and appendix C; thesis 004, sections 2.2.2 and 2.3; thesis 001, appendix B; names
     /// of MagNav.jl.
-    Features = "features", version 2, grain Line, inputs [input: Lines],
+    Features = "features", version 3, grain Line, inputs [input: Lines],
     example r#"
 [[stages]]
 name     = "features"
@@ -123,6 +129,19 @@ impl Recipe {
             }
             Recipe::Core(v) => vector_axes(v).into_iter().chain(own(CORE)).collect(),
             Recipe::Slope(_) => stage.place().map(str::to_owned).to_vec(),
+        }
+    }
+
+    /// The law of those of its names that depend on the sample rate.
+    fn law(&self, name: &str) -> Option<RateLaw> {
+        match self {
+            Recipe::Difference(_, Scheme::Fourth) => Some(RateLaw::Difference(4)),
+            Recipe::Difference(..) | Recipe::Extended(_, Group::ProjectedChange) => Some(RateLaw::Difference(1)),
+            Recipe::Lag(..) => Some(RateLaw::Lag),
+            Recipe::TollesLawson(_) | Recipe::Core(_) => name.ends_with("_dot").then_some(RateLaw::Difference(1)),
+            // A recorded column means the same at any rate, whatever its name.
+            Recipe::Plain(_) | Recipe::Between(..) | Recipe::LowPass(_) | Recipe::Dcm(_) | Recipe::Product(_) => None,
+            Recipe::Extended(_, Group::Raw | Group::Projected) | Recipe::Slope(_) => None,
         }
     }
 
@@ -295,7 +314,12 @@ impl Stage for Features {
                 reads.push(name);
             }
         }
+        let laws =
+            terms.iter().flat_map(|t| recipes.iter().flat_map(|r| r.names(t).into_iter().map(move |n| (r.law(&n), n))));
+        let entries: Vec<(String, RateLaw)> = laws.filter_map(|(law, name)| Some((name, law?))).collect();
+        let rate_hz = shape.rate_hz.filter(|_| !entries.is_empty());
         let column = Column::list("features", "", "features of a compensation model", names).from(0, &reads);
+        let column = Column { sampling: Sampling { rate_hz, entries }, ..column };
         Ok(Yield::append(vec![column], &reads))
     }
 }

@@ -63,6 +63,7 @@ pub use settings::{Choose, Divisor, MadeOf, Settings};
 use crate::{
     columns::{array, band, faults_of, no_truth, shape},
     fitted::{Body, Fitted},
+    model_columns::RATE,
     trained::Learned,
 };
 
@@ -86,6 +87,14 @@ stage! {
     /// A sweep is solved together: of each line one triangular factor is made, never normal equations, which square the
     /// condition number; every lambda, number of components and line left out is solved on these. Coefficients are in the
     /// units of the columns, whatever the scaling, with the intercept as the term `intercept`.
+    ///
+    /// `std` is one sigma of a coefficient, of the spectrum of the residual and those of the terms, in bands: the filter
+    /// and coloured noise make samples depend on each other, which counts. It is null with 96 or more terms, and of
+    /// models other than ridges.
+    ///
+    /// `rate_hz` is the rate of the first line. Terms that are differences per sample, such as `xx_dot`, are brought to it on
+    /// lines of other rates, so that coefficients hold at this rate; values of earlier samples have no equivalent at
+    /// another rate and are refused there. A training that begins with `warm_start` keeps the rate of that table.
     ///
     /// A filter takes the mean of the target off, so the constant part of the aircraft's field stays unknown.
     ///
@@ -118,7 +127,7 @@ stage! {
     /// trained (`m2c`) begin as its own; those that are not (`m2b`, `m2d`, `tlnn`, `etlnn`) are fitted to the new lines as ever.
     ///
     /// Source: thesis 000, (3.19) to (3.43), Figure 5-6 of `warm_start`; thesis 004, sections 2.2 to 2.4, 4.2.1 and Figure 4.2.
-    Fit = "fit", version 4, grain Survey, inputs [input: Lines, warm_start: Model optional],
+    Fit = "fit", version 5, grain Survey, inputs [input: Lines, warm_start: Model optional],
     example r#"
 [[stages]]
 name   = "fit"
@@ -319,13 +328,17 @@ impl Stage for Fit {
         let earth = EARTH.into_iter().filter(|name| shape.get(name).is_some());
         let more: Vec<String> = earth.map(str::to_owned).filter(|name| !reads.contains(name)).collect();
         reads.extend(more);
-        let warm: &[&str] = if inputs.len() > 1 { &["term", "value"] } else { &[] };
-        let made = |c: Column| c.from(0, &reads).from(1, warm);
+        let warm: Vec<&str> = match inputs.get(1) {
+            Some(start) if start.shape().get(RATE).is_some() => vec!["term", "value", RATE],
+            Some(_) => vec!["term", "value"],
+            None => vec![],
+        };
+        let made = |c: Column| c.from(0, &reads).from(1, &warm);
         let columns = vec![
             made(Column::text("model", "the model").role(Role::Key)),
             made(Column::text("term", "the term").role(Role::Key)),
             made(Column::float("value", "nT", "the coefficient")),
-            made(Column::float("std", "nT", "one sigma of the coefficient, from the residual variance")),
+            made(Column::float("std", "nT", "one sigma of the coefficient, from the spectra of residual and terms")),
             made(Column::integer("n", "", "rows that were used")),
             made(Column::integer("left_out", "", "rows of the selected lines that were not")),
             made(Column::float("condition", "1", "condition number of the filtered matrix")),
@@ -346,6 +359,7 @@ impl Stage for Fit {
             made(Column::float("residual_sigma", "nT", "white part of the noise that the model leaves, a sample")),
             made(Column::float("residual_fogm_sigma", "nT", "Gauss-Markov part of that noise")),
             made(Column::float("residual_fogm_tau", "s", "time constant of that part")),
+            made(Column::float(RATE, "Hz", "rate at which terms are differences per sample: that of the first line")),
         ];
         let mut yields = Yield::append(columns, &reads);
         yields.passes = Passes::None;
@@ -367,10 +381,18 @@ impl SurveyStage for Fit {
     }
 }
 
+/// The model that a training begins with.
+struct Start {
+    model: Learned,
+    /// The rate at which its inputs are differences per sample, Hz; `None` of a table that does not say.
+    rate_hz: Option<f64>,
+}
+
 /// The model of a table that a training begins with.
-fn start(table: &RecordBatch) -> Result<Learned, Fault> {
-    match Fitted::read(table, &[]).map_err(|fault| fault.of_param("warm_start"))?.body {
-        Body::Learned(learned) => Ok(*learned),
+fn start(table: &RecordBatch) -> Result<Start, Fault> {
+    let Fitted { body, rate_hz } = Fitted::read(table, &[]).map_err(|fault| fault.of_param("warm_start"))?;
+    match body {
+        Body::Learned(learned) => Ok(Start { model: *learned, rate_hz }),
         Body::Linear { .. } => {
             let fault = Fault::data("the model of `warm_start` is linear, and has no weights to begin with");
             Err(fault.of_param("warm_start").help("name the table of a fit of a network"))
@@ -383,7 +405,7 @@ pub struct FitGather {
     points: Vec<Point>,
     questions: BTreeMap<Matrix, Question>,
     /// What the training of each point begins with, where it is given.
-    starts: Vec<Result<Option<Learned>, Fault>>,
+    starts: Vec<Result<Option<Start>, Fault>>,
 }
 
 /// The questions to each line.
@@ -394,6 +416,9 @@ fn questions(points: &[Point]) -> BTreeMap<Matrix, Question> {
         let targets = point.targets();
         if point.kind.made_of != MadeOf::Moments && !question.keeps_rows.contains(&targets) {
             question.keeps_rows.push(targets.clone());
+        }
+        if point.model.wants_errors() && point.settings.whiten.is_none() && !question.wants_errors.contains(&targets) {
+            question.wants_errors.push(targets.clone());
         }
         if !question.targets.contains(&targets) {
             question.targets.push(targets);
@@ -499,6 +524,7 @@ impl Solved {
             number(white),
             number(lasting),
             number(tau),
+            number(self.rate_hz),
         ]
     }
 }

@@ -1,14 +1,14 @@
 //! A fitted model as its table holds it, applied to a line.
 
-use std::ops::Range;
+use std::{cell::OnceCell, ops::Range};
 
 use arrow_array::{RecordBatch, cast::AsArray};
 use numerics::signal::segments::Usable;
-use schemas::{ColumnType, Fault};
+use schemas::{ColumnType, Fault, Sampling};
 
 use crate::{
-    columns::{even_rate_hz, floats, matrix},
-    model_columns::INTERCEPT,
+    columns::{even_rate_hz, floats, matrix, rate_factor, sampling},
+    model_columns::{INTERCEPT, RATE},
     trained::{Learned, Prediction},
 };
 
@@ -24,6 +24,8 @@ pub enum Body {
 pub struct Fitted {
     /// How it predicts.
     pub body: Body,
+    /// The rate at which its terms were differences per sample, Hz; `None` of a table that does not say.
+    pub rate_hz: Option<f64>,
 }
 
 impl Fitted {
@@ -36,27 +38,29 @@ impl Fitted {
         let terms = table.column_by_name("term").and_then(|t| t.as_string_opt::<i32>());
         let terms = terms.ok_or_else(|| Fault::data("the model names no terms"))?;
         let terms: Vec<String> = terms.iter().map(|t| t.unwrap_or_default().to_owned()).collect();
+        let rate_hz = rate_of(table);
         if let Some(learned) = Learned::read(&terms, values)? {
             if !without.is_empty() {
                 let what = "the model is not linear: no term of it can be left out";
                 return Err(Fault::data(what).of_param("without"));
             }
-            return Ok(Self { body: Body::Learned(Box::new(learned)) });
+            return Ok(Self { body: Body::Learned(Box::new(learned)), rate_hz });
         }
         if let Some(name) = without.iter().find(|w| !terms.contains(w)) {
             return Err(Fault::data(format!("the model has no term `{name}` to leave out")).of_param("without"));
         }
         let kept = terms.into_iter().zip(values.iter().copied()).filter(|(t, _)| !without.contains(t));
         let (terms, values) = kept.unzip();
-        Ok(Self { body: Body::Linear { terms, values } })
+        Ok(Self { body: Body::Linear { terms, values }, rate_hz })
     }
 
-    /// What it predicts of a line of `rows` rows; NaN where a column that it needs is.
+    /// What it predicts of a line of `rows` rows; NaN where a column that it needs is. Entries that are differences per
+    /// sample are converted to the rate of the model.
     ///
     /// # Errors
-    /// When the line lacks a column.
+    /// When the line lacks a column, or an entry cannot be converted.
     pub fn predict(&self, line: &RecordBatch, rows: usize) -> Result<Prediction, Fault> {
-        predict(line, &self.body, rows)
+        predict(&Sources::new(line, self.rate_hz)?, &self.body, rows)
     }
 
     /// The entries of the features that it needs.
@@ -67,12 +71,12 @@ impl Fitted {
         }
     }
 
-    /// The values of [`Fitted::columns`] in each row of a line, column by column.
+    /// The values of [`Fitted::columns`] in each row of a line at the rate of the model, column by column.
     ///
     /// # Errors
-    /// When the line lacks a column.
+    /// As [`Fitted::predict`].
     pub fn inputs(&self, line: &RecordBatch) -> Result<Vec<Vec<f64>>, Fault> {
-        let sources = Sources::new(line)?;
+        let sources = Sources::new(line, self.rate_hz)?;
         self.columns().iter().map(|name| Ok(sources.find(name)?.values().collect())).collect()
     }
 
@@ -100,51 +104,66 @@ impl Fitted {
 
 /// Where a term's values are: an entry of a list column, or a column of its own.
 enum Source<'a> {
-    Entry { rows: &'a [f64], width: usize, at: usize },
+    Entry { rows: &'a [f64], width: usize, at: usize, factor: f64 },
     Column(&'a [f64]),
 }
 
 impl Source<'_> {
     fn values(&self) -> impl Iterator<Item = f64> + '_ {
-        let (rows, at, width) = match self {
-            Source::Entry { rows, width, at } => (*rows, *at, *width),
-            Source::Column(x) => (*x, 0, 1),
+        let (rows, at, width, factor) = match self {
+            Source::Entry { rows, width, at, factor } => (*rows, *at, *width, *factor),
+            Source::Column(x) => (*x, 0, 1, 1.0),
         };
-        rows.iter().skip(at).step_by(width.max(1)).copied()
+        rows.iter().skip(at).step_by(width.max(1)).map(move |x| factor * x)
     }
 }
 
 /// The columns and entries of lists of a line.
 struct Sources<'a> {
     batch: &'a RecordBatch,
-    lists: Vec<(&'a [f64], Vec<String>)>,
+    lists: Vec<List<'a>>,
+    /// The rate of the model, Hz.
+    rate_hz: Option<f64>,
+}
+
+struct List<'a> {
+    column: String,
+    rows: &'a [f64],
+    names: Vec<String>,
+    sampling: OnceCell<Result<Sampling, Fault>>,
 }
 
 impl<'a> Sources<'a> {
-    fn new(batch: &'a RecordBatch) -> Result<Self, Fault> {
+    fn new(batch: &'a RecordBatch, rate_hz: Option<f64>) -> Result<Self, Fault> {
         let mut lists = vec![];
         for field in batch.schema_ref().fields() {
             if matches!(schemas::describe_field(field).column_type, ColumnType::List(_)) {
-                lists.push(matrix(batch, field.name())?);
+                let (rows, names) = matrix(batch, field.name())?;
+                lists.push(List { column: field.name().clone(), rows, names, sampling: OnceCell::new() });
             }
         }
-        Ok(Self { batch, lists })
+        Ok(Self { batch, lists, rate_hz })
     }
 
     fn find(&self, term: &str) -> Result<Source<'a>, Fault> {
-        let entry = self.lists.iter().find_map(|(rows, names)| {
-            names.iter().position(|n| n == term).map(|at| Source::Entry { rows, width: names.len(), at })
-        });
-        match entry {
-            Some(source) => Ok(source),
-            None => floats(self.batch, term).map(Source::Column),
-        }
+        let place = |list: &'_ List<'a>| list.names.iter().position(|n| n == term);
+        let Some((list, at)) = self.lists.iter().find_map(|list| Some((list, place(list)?))) else {
+            return floats(self.batch, term).map(Source::Column);
+        };
+        let own = list.sampling.get_or_init(|| sampling(self.batch, &list.column)).as_ref();
+        let factor = own.map_err(Fault::clone).and_then(|own| rate_factor(own, term, self.rate_hz));
+        let factor = factor.map_err(|fault| fault.in_column(&list.column))?;
+        Ok(Source::Entry { rows: list.rows, width: list.names.len(), at, factor })
     }
 }
 
+/// The rate of the lines of a fit, of its table; `None` of a table that does not say.
+pub fn rate_of(table: &RecordBatch) -> Option<f64> {
+    floats(table, RATE).ok()?.first().copied().filter(|rate_hz| *rate_hz > 0.0)
+}
+
 /// The aircraft's field, sample by sample.
-fn predict(batch: &RecordBatch, body: &Body, rows: usize) -> Result<Prediction, Fault> {
-    let sources = Sources::new(batch)?;
+fn predict(sources: &Sources, body: &Body, rows: usize) -> Result<Prediction, Fault> {
     match body {
         Body::Linear { terms, values } => {
             let mut sum = vec![0.0; rows];
@@ -157,7 +176,7 @@ fn predict(batch: &RecordBatch, body: &Body, rows: usize) -> Result<Prediction, 
             }
             Ok(Prediction { field_nt: sum, sigma_nt: None })
         }
-        Body::Learned(learned) => predict_rows(&sources, learned, rows),
+        Body::Learned(learned) => predict_rows(sources, learned, rows),
     }
 }
 

@@ -13,6 +13,7 @@ use weights::{Found, Rows, Weight};
 use crate::{
     columns::{array, faults_of, list, shape},
     fitted::{Body, Fitted},
+    model_columns::RATE,
 };
 
 choice! {
@@ -95,7 +96,7 @@ stage! {
     ///
     /// Source: Breiman 2001; Lundberg & Lee 2017; Lundberg et al. 2020; Erion et al. 2021; Blumensath & Davies 2010; thesis 000,
     /// section 4.3 and (4.10).
-    Importance = "importance", version 1, grain Line, yields Scores, inputs [input: Lines, model: Model],
+    Importance = "importance", version 2, grain Line, yields Scores, inputs [input: Lines, model: Model],
     example r#"
 [[stages]]
 name    = "importance"
@@ -158,7 +159,8 @@ impl Stage for Importance {
         }
         let mut reads = vec!["tt".to_owned(), self.target.clone()];
         reads.extend(features.iter().cloned());
-        let made = |c: Column| c.from(0, &reads).from(1, &["term", "value"]);
+        let of_model: Vec<&str> = ["term", "value"].into_iter().chain(shape.get(RATE).map(|_| RATE)).collect();
+        let made = |c: Column| c.from(0, &reads).from(1, &of_model);
         let mut columns = vec![
             made(Column::text("flight", "flight identifier").role(Role::Key)),
             made(Column::text("line", "line identifier").role(Role::Key)),
@@ -178,7 +180,7 @@ impl Stage for Importance {
         }
         let mut yields = Yield::append(columns, &reads);
         yields.passes = Passes::None;
-        yields.reads.push(["term", "value"].map(str::to_owned).to_vec());
+        yields.reads.push(of_model.into_iter().map(str::to_owned).collect());
         Ok(yields)
     }
 

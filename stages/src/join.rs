@@ -24,7 +24,7 @@ stage! {
     ///
     /// A line that `with` does not have is left out, and so is named neither here nor in what follows. A column that
     /// `input` has too is an error, unless `suffix` gives it another name. Repeated or backward time is an error.
-    Join = "join", version 1, grain Line, inputs [input: Lines, with: Lines],
+    Join = "join", version 2, grain Line, inputs [input: Lines, with: Lines],
     example r#"
 [[stages]]
 name    = "join"

@@ -9,6 +9,7 @@ mod bandpass;
 mod columns;
 mod compensate;
 mod core_field;
+mod corrections;
 mod dates;
 mod derivative;
 mod derive;

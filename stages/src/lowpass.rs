@@ -23,7 +23,7 @@ stage! {
     /// bent. Gaps, short runs and uneven samples are as in `bandpass`.
     ///
     /// Source: F. Gustafsson, Determining the initial states in forward-backward filtering, 1996.
-    Lowpass = "lowpass", version 1, grain Line, inputs [input: Lines],
+    Lowpass = "lowpass", version 2, grain Line, inputs [input: Lines],
     example r#"
 [[stages]]
 name      = "lowpass"

@@ -15,11 +15,13 @@ use numerics::maps::{
     plane_grid::PlaneGrid,
 };
 use schemas::{
-    Column, ColumnType, Fault, Place, Rule, Shape, Stage, SurveyPoint, SurveyStage, Table, Yield, choice, stage,
+    Column, ColumnType, Correction, Fault, Place, Rule, Shape, Stage, SurveyPoint, SurveyStage, Table, Yield, choice,
+    stage,
 };
 
 use crate::{
     columns::{data, shape},
+    corrections::{REMOVE_DIURNAL, twice},
     map_convert::bounds_of,
 };
 
@@ -274,6 +276,18 @@ impl MapGrid {
         reads
     }
 
+    /// What is wrong with corrections that the values have had before.
+    fn corrections_twice(&self, shape: &Shape) -> Vec<Fault> {
+        let value = std::slice::from_ref(&self.value);
+        let core = ("core_field", "say `core_field = \"none\"`");
+        let again = [
+            (Correction::Diurnal, self.remove_diurnal, REMOVE_DIURNAL),
+            (Correction::Core, self.core_field != Core::None, core),
+            (Correction::Levelling, self.level_order.is_some(), ("level_order", "leave `level_order` out")),
+        ];
+        again.into_iter().filter_map(|(which, asked, key)| twice(shape, value, which, Some(asked), key)).collect()
+    }
+
     /// What is wrong with the columns of the lines.
     fn missing(&self, shape: &Shape) -> Vec<Fault> {
         let mut faults: Vec<Fault> = [("lat", "deg"), ("lon", "deg"), ("alt", "m")]
@@ -281,6 +295,7 @@ impl MapGrid {
             .filter_map(|(name, unit)| shape.number(name, unit).err())
             .collect();
         faults.extend(shape.number(&self.value, "nT").err().map(|f| f.of_param("value")));
+        faults.extend(self.corrections_twice(shape));
         if self.remove_diurnal {
             faults.extend(shape.number("diurnal", "nT").err().map(|f| f.of_param("remove_diurnal")));
         }

@@ -32,8 +32,8 @@ use numerics::{
     navigation::ins_error::GradedIns,
 };
 use schemas::{
-    Arrays, Chosen, Column, Entry, Fault, LineIn, LinePoint, LineStage, Lists, OrAuto, Passes, Rule, Shape, Stage,
-    Table, Yield, params, stage,
+    Arrays, Chosen, Column, Correction, Entry, Fault, LineIn, LinePoint, LineStage, Lists, OrAuto, Passes, Rule, Shape,
+    Stage, Table, Yield, params, stage,
 };
 
 use aiding::{Aiding, Gnss};
@@ -49,9 +49,11 @@ pub use geometry::{DeadZones, SensorGeometry};
 use crate::{
     columns::{array, faults_of, floats, shape},
     compensate::NOISE,
+    corrections::{CORE_FIELD, REMOVE_DIURNAL, corrects, note, twice},
     dates::{WAYS_OUT, dated_by_flight, first_year},
     map_errors::MapErrors,
     maps::{check_levels, field_map},
+    model_columns::RATE,
 };
 
 params! {
@@ -113,7 +115,7 @@ core_field      = false
     core_field: bool, unit "", default true;
     /// Whether the column `diurnal` is taken off the measurement, so that the temporal variation need not be estimated. A
     /// sample without it has no measurement.
-    remove_diurnal: Option<bool>, unit "", absent "true where the flight has the column";
+    remove_diurnal: Option<bool>, unit "", absent "true where the flight has the column and the measurement still holds it";
     /// The date of the core field, in place of the flight's own.
     decimal_year: Option<f64>, unit "a", absent "the flight's own date", rule Rule::Between(1900.0, 2030.0);
     /// How the map is interpolated: bilinear, or by a natural cubic spline.
@@ -138,6 +140,11 @@ const ANOMALY: &str = "anomaly";
 const TERM: &str = "term";
 const VALUE: &str = "value";
 const STD: &str = "std";
+
+/// The columns of a model table that are read.
+fn of_model(model: &Table) -> Vec<&'static str> {
+    [TERM, VALUE, STD].into_iter().chain(model.shape().get(RATE).map(|_| RATE)).collect()
+}
 
 /// The noise that the filter expects: white, and lasting with its time constant.
 #[derive(Clone, Copy)]
@@ -265,8 +272,19 @@ impl Navigate {
     }
 
     /// Whether the temporal variation is taken off.
-    fn removes_diurnal(&self, there: bool) -> bool {
-        self.remove_diurnal.unwrap_or(there) && self.filter.keys.takes_field()
+    fn removes_diurnal(&self, shape: &Shape) -> bool {
+        let there = shape.get(DIURNAL).is_some();
+        corrects(shape, self.magnetometers(), Correction::Diurnal, self.remove_diurnal, there)
+            && self.filter.keys.takes_field()
+    }
+
+    /// What is wrong with corrections that the magnetometers have had before.
+    fn corrections_twice(&self, shape: &Shape) -> Vec<Fault> {
+        let mags = self.magnetometers();
+        let there = shape.get(DIURNAL).is_some() || self.remove_diurnal.is_some();
+        let diurnal = twice(shape, mags, Correction::Diurnal, self.remove_diurnal, REMOVE_DIURNAL).filter(|_| there);
+        let core = twice(shape, mags, Correction::Core, Some(self.core_field), CORE_FIELD);
+        diurnal.into_iter().chain(core).collect()
     }
 
     /// The columns of the flight that are read: those of the INS that are there, and its date.
@@ -282,7 +300,7 @@ impl Navigate {
         if self.dated_by_flight(shape) {
             reads.extend(["year", "doy"]);
         }
-        if self.removes_diurnal(shape.get(DIURNAL).is_some()) {
+        if self.removes_diurnal(shape) {
             reads.push(DIURNAL);
         }
         reads.extend(self.found().iter().filter(|f| f.0 == OrAuto::Auto).map(|f| f.2));
@@ -296,7 +314,8 @@ impl Navigate {
 
     fn notes(&self, shape: &Shape) -> Vec<String> {
         let mut notes = vec![];
-        if self.remove_diurnal.is_none() && self.removes_diurnal(shape.get(DIURNAL).is_some()) {
+        notes.extend(note(shape, self.magnetometers(), Correction::Diurnal, self.remove_diurnal));
+        if self.remove_diurnal.is_none() && self.removes_diurnal(shape) {
             notes
                 .push(format!("`{DIURNAL}` is taken off the measurement; say `remove_diurnal = false` to leave it in"));
         }
@@ -349,6 +368,7 @@ impl Stage for Navigate {
             let found = shape.number(DIURNAL, "nT").map_err(|f| f.help("say `remove_diurnal = false`"));
             faults.extend(faults_of([found], "remove_diurnal"));
         }
+        faults.extend(self.corrections_twice(shape));
         if self.core_field && self.decimal_year.is_none() && !dated_by_flight(shape) {
             let what = "the core field needs a date, but the flight has no `year` and `doy`";
             faults.push(Fault::new(what).help(WAYS_OUT).of_param("decimal_year"));
@@ -380,7 +400,7 @@ impl Stage for Navigate {
         reads.extend(further.into_iter().filter(|column| !reads.contains(column)).collect::<Vec<_>>());
         let made = |c: Column| {
             let c = map.iter().fold(c.from(0, &reads), |c, map| c.from(1 + map, &[ANOMALY]));
-            models.iter().fold(c, |c, model| c.from(1 + model, &[TERM, VALUE, STD]))
+            models.iter().fold(c, |c, model| c.from(1 + model, &of_model(tables[*model])))
         };
         let named = [
             ("lat", "deg", "estimated latitude, WGS-84"),
@@ -407,7 +427,7 @@ impl Stage for Navigate {
         columns.extend(filter.aiding().into_iter().flat_map(Aiding::columns).map(made));
         let mut yields = Yield::append(columns, &reads);
         yields.reads.extend(tables.iter().map(|table| match table {
-            Table::Model { .. } => [TERM, VALUE, STD].map(str::to_owned).to_vec(),
+            model @ Table::Model { .. } => of_model(model).into_iter().map(str::to_owned).collect(),
             Table::Map(_) | Table::Lines(_) | Table::Scores(_) => {
                 let own_error = self.map_error_length_m.map(|_| schemas::map::ERROR);
                 [ANOMALY, "alt"].into_iter().chain(own_error).map(str::to_owned).collect()
@@ -470,7 +490,7 @@ impl Navigate {
     /// The measurement of a magnetometer, less the temporal variation where that is known.
     fn measured(&self, batch: &RecordBatch, mag: &str) -> Result<Vec<f64>, Fault> {
         let mut measured = floats(batch, mag)?.to_vec();
-        if self.removes_diurnal(batch.column_by_name(DIURNAL).is_some()) {
+        if self.removes_diurnal(&Shape::of(&batch.schema())) {
             let diurnal = floats(batch, DIURNAL).map_err(|f| f.help("say `remove_diurnal = false`"))?;
             measured.iter_mut().zip(diurnal).for_each(|(m, d)| *m -= d);
         }

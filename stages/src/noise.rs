@@ -6,13 +6,14 @@ use numerics::signal::{
     segments::Usable,
 };
 use schemas::{
-    Arrays, Column, Fault, Gather, LineIn, LineStage, Passes, Product, Shape, Stage, SurveyPoint, SurveyStage, Table,
-    Work, Yield, stage,
+    Arrays, Column, Correction, Fault, Gather, LineIn, LineStage, Passes, Product, Shape, Stage, SurveyPoint,
+    SurveyStage, Table, Work, Yield, stage,
 };
 
 use crate::{
     columns::{array, data, even_rate_hz, floats, shape},
     compensate::noise_columns,
+    corrections::had,
     model_columns::RESIDUAL,
 };
 
@@ -30,7 +31,7 @@ stage! {
     /// refuses lines without a run of 16 s.
     ///
     /// Source: Allan 1966; IEEE Std 952-1997, annex C; Brown & Hwang 2012, section 3.8.
-    ResidualNoise = "residual_noise", version 1, grain Survey, inputs [input: Lines],
+    ResidualNoise = "residual_noise", version 2, grain Survey, inputs [input: Lines],
     example r#"
 [[stages]]
 name  = "residual_noise"
@@ -41,7 +42,7 @@ truth = "mag_1_c"
     /// The compensated signal.
     mag: String, unit "nT", default "mag_c";
     /// The column of the true field, such as `mag_1_c`.
-    truth: Option<String>, unit "nT", absent "the sum of `igrf`, `map_anomaly` (of `map_value`) and, where there is one, `diurnal`";
+    truth: Option<String>, unit "nT", absent "the sum of `igrf`, `map_anomaly` (of `map_value`) and, where there is one, `diurnal`, less what was removed from `mag` before";
 }
 
 stage! {
@@ -61,15 +62,15 @@ const DIURNAL: &str = "diurnal";
 
 impl ResidualNoise {
     /// What is taken off the signal.
-    fn less(&self, there: impl Fn(&str) -> bool) -> Vec<String> {
-        match &self.truth {
-            Some(truth) => vec![truth.clone()],
-            None => ["igrf", "map_anomaly"]
-                .into_iter()
-                .chain([DIURNAL].into_iter().filter(|n| there(n)))
-                .map(str::to_owned)
-                .collect(),
-        }
+    fn less(&self, shape: &Shape) -> Vec<String> {
+        let Some(truth) = &self.truth else {
+            let removed = had(shape, &self.mag);
+            let left = |name: &&str| Correction::by_column(name).is_none_or(|c| !removed.contains(&c));
+            let diurnal = shape.get(DIURNAL).map(|_| DIURNAL);
+            let all = ["igrf", "map_anomaly"].into_iter().chain(diurnal).filter(left);
+            return all.map(str::to_owned).collect();
+        };
+        vec![truth.clone()]
     }
 
     fn needs(&self, shape: &Shape, name: &str) -> Result<(), Fault> {
@@ -88,7 +89,7 @@ impl ResidualNoise {
         let tt = floats(batch, "tt")?;
         let rate_hz = even_rate_hz(tt)?;
         let mut left = floats(batch, &self.mag)?.to_vec();
-        for name in self.less(|name| batch.column_by_name(name).is_some()) {
+        for name in self.less(&Shape::of(&batch.schema())) {
             left.iter_mut().zip(floats(batch, &name)?).for_each(|(l, x)| *l -= x);
         }
         let selected = line.keep.as_ref().map_or_else(|| Usable::all(tt.len()), |keep| Usable::selected(keep));
@@ -100,7 +101,7 @@ impl Stage for ResidualNoise {
     fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
         let shape = shape(inputs, 0)?;
         let mut reads = vec![self.mag.clone()];
-        reads.extend(self.less(|name| shape.get(name).is_some()));
+        reads.extend(self.less(shape));
         let faults: Vec<Fault> = reads.iter().filter_map(|name| self.needs(shape, name).err()).collect();
         if !faults.is_empty() {
             return Err(faults);

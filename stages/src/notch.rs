@@ -24,7 +24,7 @@ stage! {
     /// Gaps, short runs and uneven samples are as in `bandpass`.
     ///
     /// Source: S. J. Orfanidis, Introduction to signal processing, 1995, section 11.3.
-    Notch = "notch", version 1, grain Line, inputs [input: Lines],
+    Notch = "notch", version 2, grain Line, inputs [input: Lines],
     example r#"
 [[stages]]
 name       = "notch"

@@ -6,11 +6,12 @@ use arrow_array::{ArrayRef, RecordBatch, StringArray, UInt64Array};
 use arrow_select::take::take;
 use numerics::signal::resample::{Method, Plan, even_grid};
 use schemas::{
-    Arrays, Column, ColumnType, Fault, LineIn, LineStage, Passes, Rule, Shape, Stage, Table, Yield, choice, stage,
+    Arrays, Column, ColumnType, Correction, Fault, LineIn, LineStage, Passes, RateLaw, Rule, Shape, Stage, Table,
+    Yield, choice, stage,
 };
 
 use crate::{
-    columns::{array, data, floats, list, matrix, shape},
+    columns::{array, data, floats, list, matrix, rate_factor, sampling, shape},
     dates::{date_columns, offset_s},
 };
 
@@ -34,9 +35,12 @@ stage! {
     /// `lag_s` and `input_lag_s` take out how late a sensor reports: with a lag of 0.06 s, what is stamped t was so at
     /// t - 0.06 s, and a value at t is what is stamped t + 0.06 s. `lag` finds lags of this sign.
     ///
+    /// Entries of lists that are differences per sample, such as those of `tl`, become differences at the new rate. A list that
+    /// holds values of earlier samples is an error: make it afterwards. A lag that was taken out before is an error too.
+    ///
     /// Nothing is filtered: when going to a lower rate, what is faster than half of it folds back. Use `lowpass` or `bandpass`
     /// before.
-    Resample = "resample", version 1, grain Line, inputs [input: ManyLines],
+    Resample = "resample", version 2, grain Line, inputs [input: ManyLines],
     example r#"
 [[stages]]
 name    = "resample"
@@ -78,6 +82,16 @@ impl Resample {
         };
         let own = self.lag_s.get(name).or_else(of_vector);
         own.copied().unwrap_or_else(|| self.lag_of_input(i))
+    }
+
+    /// Why the lag of a column cannot be taken out: it was before.
+    fn lag_again(&self, i: usize, column: &Column) -> Option<Fault> {
+        let again = self.lag_of(i, &column.name) != 0.0 && column.removed.contains(&Correction::Lag);
+        let param = if self.lag_of_input(i) == 0.0 { "lag_s" } else { "input_lag_s" };
+        again.then(|| {
+            let what = format!("the lag of `{}` was taken out before", column.name);
+            Fault::new(what).help(format!("leave it out of `{param}`")).of_param(param)
+        })
     }
 
     fn lag_of_input(&self, i: usize) -> f64 {
@@ -122,6 +136,21 @@ impl Resample {
 const KEPT: [&str; 3] = ["flight", "line", "tt"];
 const DATE: [&str; 2] = ["year", "doy"];
 
+/// Whether a column is a magnetic reading, whose corrections are kept account of.
+fn is_field(column: &Column) -> bool {
+    column.column_type == ColumnType::Float && column.unit == "nT"
+}
+
+/// Why a list column cannot be brought to another rate.
+fn lagged_entry(column: &Column) -> Option<Fault> {
+    let (name, _) = column.sampling.entries.iter().find(|(_, law)| *law == RateLaw::Lag)?;
+    let what = format!(
+        "`{}` holds `{name}`, the value of an earlier sample, which has no equivalent at another rate",
+        column.name
+    );
+    Some(Fault::new(what).help("make the column after `resample`, or drop it by `select`").of_param("input"))
+}
+
 /// The columns of the input `i` that are brought onto the grid: those that no input before it has brought.
 fn own_columns<'a>(shapes: &[&'a Shape], i: usize) -> Result<Vec<&'a Column>, Fault> {
     let mut own = vec![];
@@ -149,6 +178,10 @@ impl Stage for Resample {
         let own: Vec<Vec<&Column>> = (0..shapes.len())
             .filter_map(|i| own_columns(&shapes, i).map_err(|fault| faults.push(fault)).ok())
             .collect();
+        for (i, columns) in own.iter().enumerate() {
+            faults.extend(columns.iter().filter_map(|c| lagged_entry(c)));
+            faults.extend(columns.iter().filter_map(|c| self.lag_again(i, c)));
+        }
         if !faults.is_empty() {
             return Err(faults);
         }
@@ -165,7 +198,13 @@ impl Stage for Resample {
             if !from.contains(&(i, c.name.clone())) {
                 from.push((i, c.name.clone()));
             }
-            Column { from, ..c.clone() }
+            let mut column = Column { from, ..c.clone() };
+            let rated = !column.sampling.entries.is_empty();
+            column.sampling.rate_hz = rated.then_some(self.rate_hz);
+            if self.lag_of(i, &c.name) != 0.0 && is_field(c) {
+                column.removed.insert(Correction::Lag);
+            }
+            column
         });
         let reads = |(i, columns): (usize, &Vec<&Column>)| {
             let mut names: Vec<String> = columns.iter().map(|c| c.name.clone()).collect();
@@ -285,13 +324,14 @@ impl Resample {
         }
     }
 
-    /// A list column, entry by entry.
+    /// A list column, entry by entry: differences per sample become those of the new rate.
     fn entries(&self, batch: &RecordBatch, plan: &Plan, name: &str) -> Result<ArrayRef, Fault> {
         let (values, terms) = matrix(batch, name)?;
-        let width = terms.len();
+        let (own, width) = (sampling(batch, name)?, terms.len());
         let mut out = vec![0.0; plan.grid().len() * width];
-        for at in 0..width {
-            let one: Vec<f64> = values.iter().skip(at).step_by(width).copied().collect();
+        for (at, term) in terms.iter().enumerate() {
+            let factor = rate_factor(&own, term, Some(self.rate_hz))?;
+            let one: Vec<f64> = values.iter().skip(at).step_by(width).map(|x| factor * x).collect();
             let even = plan.column(&one, self.method).map_err(data)?;
             out.iter_mut().skip(at).step_by(width).zip(even).for_each(|(o, x)| *o = x);
         }

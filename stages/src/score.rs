@@ -21,7 +21,6 @@ use schemas::{
     metric::Metric, stage,
 };
 
-use self::source::Places;
 pub use self::{
     line::{Line, Offsets, Signals},
     map::MAP_STD_ERROR,
@@ -29,6 +28,10 @@ pub use self::{
     metrics::SCORERS,
     signal::STD_ERROR,
     source::Source,
+};
+use self::{
+    signal::{ANOMALY_RETENTION, ANOMALY_RETENTION_SE},
+    source::Places,
 };
 use crate::columns::{faults_of, floats, shape};
 
@@ -55,7 +58,7 @@ stage! {
     ///
     /// Source: thesis 000, (3.45), (3.46); thesis 001, (66); thesis 004, (2.39) to (2.41); Bar-Shalom, Li & Kirubarajan
     /// 2001, section 5.4; Mehra 1970.
-    Score = "score", version 4, grain Line, yields Scores, inputs [input: ManyLines],
+    Score = "score", version 5, grain Line, yields Scores, inputs [input: ManyLines],
     example r#"
 [[stages]]
 name  = "score"
@@ -93,7 +96,13 @@ impl Score {
 
     /// The metrics that are wanted and can be had.
     fn chosen(&self, places: &Places) -> Vec<&'static Scorer> {
-        self.metrics.wanted().filter(|s| self.lacks(places, s).is_none()).collect()
+        let mut chosen: Vec<_> = self.metrics.wanted().filter(|s| self.lacks(places, s).is_none()).collect();
+        // A retention means nothing without its error.
+        let at = |chosen: &[&Scorer], scorer: &Scorer| chosen.iter().position(|s| s.metric.name == scorer.metric.name);
+        if let (Some(place), None) = (at(&chosen, &ANOMALY_RETENTION), at(&chosen, &ANOMALY_RETENTION_SE)) {
+            chosen.insert(place + 1, &ANOMALY_RETENTION_SE);
+        }
+        chosen
     }
 
     /// All that is wrong with what is asked of these tables.

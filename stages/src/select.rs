@@ -16,7 +16,7 @@ stage! {
     /// the middle leave a gap in time, at which filters begin anew.
     ///
     /// Which lines are kept is said by `where`. The columns `flight`, `line` and `tt` are always there.
-    Select = "select", version 1, grain Line, inputs [input: Lines],
+    Select = "select", version 2, grain Line, inputs [input: Lines],
     example r#"
 [[stages]]
 name  = "select"

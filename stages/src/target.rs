@@ -1,9 +1,14 @@
 //! Makes the signal that a compensation model is to explain.
 
 use arrow_array::RecordBatch;
-use schemas::{Arrays, Column, Fault, LineIn, LineStage, Role, Shape, Stage, Table, Yield, choice, stage};
+use schemas::{
+    Arrays, Column, Correction, Fault, LineIn, LineStage, Removed, Role, Shape, Stage, Table, Yield, choice, stage,
+};
 
-use crate::columns::{array, floats, shape};
+use crate::{
+    columns::{array, floats, shape},
+    corrections::{Key, REMOVE_CORE, REMOVE_DIURNAL, corrects, had, note, twice},
+};
 
 choice! {
     /// A type of target of thesis 000, section 3.7.
@@ -35,10 +40,11 @@ stage! {
     /// Give `fit` this column as its `target` and, but for `e`, `low_hz = 0` and `high_hz = 0`. A model of the anomaly is
     /// applied with `predicts = "anomaly"` of `compensate`. For `b` and `c` the table needs `map_anomaly`, of `map_value`.
     ///
-    /// The column's role is truth: it may be a target, and no feature. A sample that lacks one of its parts is NaN.
+    /// The column's role is truth: it may be a target, and no feature. A sample that lacks one of its parts is NaN. Its metadata
+    /// `removed` lists what was removed, so that no later stage removes it again.
     ///
     /// Source: thesis 000, section 3.7.
-    Target = "target", version 1, grain Line, inputs [input: Lines],
+    Target = "target", version 2, grain Line, inputs [input: Lines],
     example r#"
 [[stages]]
 name  = "target"
@@ -55,29 +61,61 @@ truth = "mag_1_c"
     /// The column of the true field, for `a` and `d`.
     truth: String, unit "nT", default "mag_1_c";
     /// Take the core field `igrf` off, for `a`, `c` and `e`.
-    remove_core: bool, unit "", default true;
+    remove_core: Option<bool>, unit "", absent "true, unless it was removed before";
     /// Take the diurnal variation `diurnal` off, for `a`, `c` and `e`.
-    remove_diurnal: bool, unit "", default true;
+    remove_diurnal: Option<bool>, unit "", absent "true, unless it was removed before";
 }
 
 /// The value of the map at each sample, as `map_value` calls it.
 const MAP: &str = "map_anomaly";
 
 impl Target {
+    /// The corrections of the column to begin with: each with its key, and the column that it takes off.
+    fn corrections(&self) -> [(Correction, Option<bool>, Key, &'static str); 2] {
+        [
+            (Correction::Core, self.remove_core, REMOVE_CORE, "igrf"),
+            (Correction::Diurnal, self.remove_diurnal, REMOVE_DIURNAL, "diurnal"),
+        ]
+    }
+
+    /// Whether core field and diurnal variation are taken off what it begins with.
+    fn is_reduced(&self) -> bool {
+        matches!(self.kind, TargetType::A | TargetType::C | TargetType::E)
+    }
+
+    /// The corrections that the target has had.
+    fn removed(&self, shape: &Shape, from: &str, less: &[String]) -> Removed {
+        let both = [Correction::Core, Correction::Diurnal];
+        match self.kind {
+            TargetType::B => both.into(),
+            TargetType::D => had(shape, from).into_iter().chain(both).collect(),
+            TargetType::A | TargetType::C | TargetType::E => {
+                had(shape, from).into_iter().chain(less.iter().filter_map(|name| Correction::by_column(name))).collect()
+            }
+        }
+    }
+
     /// The column to begin with, and those to take off it.
-    fn parts(&self) -> Result<(String, Vec<String>), Fault> {
+    fn parts(&self, shape: &Shape) -> Result<(String, Vec<String>), Fault> {
         let mag = || {
             let missing = || Fault::new(format!("type `{}` needs `mag`", self.kind.word())).of_param("kind");
             self.mag.clone().ok_or_else(missing)
         };
-        let core = self.remove_core.then(|| "igrf".to_owned());
-        let earth = || core.clone().into_iter().chain(self.remove_diurnal.then(|| "diurnal".to_owned()));
+        let earth = |from: String| {
+            let own = std::slice::from_ref(&from);
+            let less = self.corrections().into_iter().filter(|(c, given, ..)| corrects(shape, own, *c, *given, true));
+            let less: Vec<String> = less.map(|(.., column)| column.to_owned()).collect();
+            (from, less)
+        };
         match self.kind {
-            TargetType::A => Ok((self.truth.clone(), earth().collect())),
+            TargetType::A => Ok(earth(self.truth.clone())),
             TargetType::B => Ok((MAP.to_owned(), vec![])),
-            TargetType::C => Ok((mag()?, earth().chain([MAP.to_owned()]).collect())),
+            TargetType::C => {
+                let (from, less) = earth(mag()?);
+                Ok((from, less.into_iter().chain([MAP.to_owned()]).collect()))
+            }
             TargetType::D => Ok((mag()?, vec![self.truth.clone()])),
-            TargetType::E => Ok((mag()?, earth().collect())),
+            TargetType::E => Ok(earth(mag()?)),
         }
     }
 
@@ -96,18 +134,36 @@ impl Target {
 impl Stage for Target {
     fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
         let shape = shape(inputs, 0)?;
-        let (from, less) = self.parts().map_err(|f| vec![f])?;
+        let (from, less) = self.parts(shape).map_err(|f| vec![f])?;
+        let removed = self.removed(shape, &from, &less);
+        let own = [from.clone()];
         let reads: Vec<String> = std::iter::once(from).chain(less).collect();
         let mut faults: Vec<Fault> = reads.iter().filter_map(|name| self.needs(shape, name).err()).collect();
         if self.kind == TargetType::E && reads.first() == Some(&self.truth) {
             faults.push(Fault::new("`mag` is the truth, which needs no compensation").of_param("mag"));
         }
+        let corrections = || self.corrections().into_iter().filter(|_| self.is_reduced());
+        faults.extend(corrections().filter_map(|(c, given, key, _)| twice(shape, &own, c, given, key)));
+        if self.kind == TargetType::D {
+            let part =
+                |name: &str| -> Removed { had(shape, name).into_iter().filter(|c| *c != Correction::Lag).collect() };
+            if part(&own[0]) != part(&self.truth) {
+                let what = format!(
+                    "`{}` and `{}` have had different corrections, so that their difference is no aircraft's field",
+                    own[0], self.truth
+                );
+                let help = "name readings that both hold core field and diurnal variation, or neither";
+                faults.push(Fault::new(what).help(help).of_param("truth"));
+            }
+        }
         if !faults.is_empty() {
             return Err(faults);
         }
         let doc = format!("what a model is to explain: type {} of thesis 000, section 3.7", self.kind.word());
-        let column = Column::float("target", "nT", doc).role(Role::Truth).from(0, &reads);
-        Ok(Yield::append(vec![column], &reads))
+        let column = Column::float("target", "nT", doc).role(Role::Truth).from(0, &reads).without(removed);
+        let mut yields = Yield::append(vec![column], &reads);
+        yields.notes.extend(corrections().filter_map(|(c, given, ..)| note(shape, &own, c, given)));
+        Ok(yields)
     }
 }
 
@@ -120,7 +176,7 @@ impl LineStage for Target {
 
     fn run(&self, line: &LineIn, (): &()) -> Arrays {
         let batch = &line.inputs[0];
-        let (from, less) = self.parts()?;
+        let (from, less) = self.parts(&Shape::of(&batch.schema()))?;
         let mut target = floats(batch, &from)?.to_vec();
         for name in less {
             target.iter_mut().zip(floats(batch, &name)?).for_each(|(t, x)| *t -= x);
@@ -145,8 +201,8 @@ mod tests {
             kind: TargetType::read(&schemas::Literal::Text(kind.to_owned())).unwrap(),
             mag: Some("mag_4_uc".into()),
             truth: "mag_1_c".into(),
-            remove_core: true,
-            remove_diurnal: true,
+            remove_core: None,
+            remove_diurnal: None,
         }
     }
 
@@ -166,7 +222,8 @@ mod tests {
             assert_eq!(values[0], expected, "{kind}");
             assert!(values[1].is_nan());
         }
-        let kept = Target { remove_core: false, remove_diurnal: false, ..target("e") }.run(&line(), &()).unwrap();
+        let kept =
+            Target { remove_core: Some(false), remove_diurnal: Some(false), ..target("e") }.run(&line(), &()).unwrap();
         assert_eq!(kept[0].as_primitive::<Float64Type>().value(0), 50_300.0);
     }
 

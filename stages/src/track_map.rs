@@ -12,11 +12,12 @@ use numerics::{
         track_map::{self, TrackMapError, TrackMapParameters, TrackSample},
     },
 };
-use schemas::{Column, Fault, Product, Rule, Shape, Stage, SurveyPoint, SurveyStage, Table, Yield, stage};
+use schemas::{Column, Correction, Fault, Product, Rule, Shape, Stage, SurveyPoint, SurveyStage, Table, Yield, stage};
 
 use self::gather::Measured;
 use crate::{
     columns::{array, data, faults_of, shape},
+    corrections::{CORE_FIELD, REMOVE_DIURNAL, corrects, note, twice},
     dates::{WAYS_OUT, dated_by_flight},
     map_convert::bounds_of,
     map_grid::epsg_of,
@@ -66,7 +67,7 @@ spacing_m       = 500.0
     /// The date of the core field, in place of the flight's own.
     decimal_year: Option<f64>, unit "a", absent "the flight's own date", rule Rule::Between(1900.0, 2030.0);
     /// Whether the column `diurnal` is taken off the measurement. A sample without it has no measurement.
-    remove_diurnal: Option<bool>, unit "", absent "true where the flight has the column";
+    remove_diurnal: Option<bool>, unit "", absent "true where the flight has the column and the measurement still holds it";
     /// Measurements within so many seconds are averaged; 0 takes every sample.
     interval_s: f64, unit "s", default 1.0, rule Rule::NotNegative;
     /// Whether the hyper-parameters of the kernel are fitted to the lines by maximum likelihood, or are as given.
@@ -117,8 +118,9 @@ const LACKING: f64 = 1e-3;
 const MISFIT: f64 = 2.0;
 
 impl TrackMap {
-    fn removes_diurnal(&self, there: bool) -> bool {
-        self.remove_diurnal.unwrap_or(there)
+    fn removes_diurnal(&self, shape: &Shape) -> bool {
+        let there = shape.get(DIURNAL).is_some();
+        corrects(shape, std::slice::from_ref(&self.mag), Correction::Diurnal, self.remove_diurnal, there)
     }
 
     /// The columns of the lines that are read.
@@ -130,7 +132,7 @@ impl TrackMap {
         if self.core_field && self.decimal_year.is_none() && dated_by_flight(shape) {
             reads.extend(["year", "doy"]);
         }
-        if self.removes_diurnal(shape.get(DIURNAL).is_some()) {
+        if self.removes_diurnal(shape) {
             reads.push(DIURNAL);
         }
         reads.into_iter().map(str::to_owned).collect()
@@ -139,6 +141,9 @@ impl TrackMap {
     /// What is wrong with the lines and the track.
     fn faults(&self, lines: &Shape, track: Option<&Shape>) -> Vec<Fault> {
         let mut faults = faults_of([lines.number(&self.mag, "nT")], "mag");
+        let mag = std::slice::from_ref(&self.mag);
+        faults.extend(twice(lines, mag, Correction::Diurnal, self.remove_diurnal, REMOVE_DIURNAL));
+        faults.extend(twice(lines, mag, Correction::Core, Some(self.core_field), CORE_FIELD));
         let places = PLACE.iter().zip(["deg", "deg", "m"]);
         match track {
             None => faults.extend(faults_of(places.map(|(c, unit)| lines.number(c, unit)), "input")),
@@ -324,7 +329,9 @@ impl Stage for TrackMap {
         let mut yields = schemas::map::yields(schemas::map::ANOMALY_UNIT, reads.clone());
         let sd = Column::float(SD, "nT", "one sigma of the anomaly; NaN where that is unknown");
         yields.columns.push(reads.iter().enumerate().fold(sd, |sd, (i, names)| sd.from(i, names)));
-        if self.remove_diurnal.is_none() && lines.get(DIURNAL).is_some() {
+        let mag = std::slice::from_ref(&self.mag);
+        yields.notes.extend(note(lines, mag, Correction::Diurnal, self.remove_diurnal));
+        if self.remove_diurnal.is_none() && self.removes_diurnal(lines) {
             let what = format!("`{DIURNAL}` is taken off the measurement; say `remove_diurnal = false` to leave it in");
             yields.notes.push(what);
         }

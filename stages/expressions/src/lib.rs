@@ -17,6 +17,7 @@ mod bounded;
 pub mod deep;
 mod linear;
 pub mod row;
+mod sum;
 mod unit;
 
 use std::sync::{Arc, LazyLock};
@@ -133,6 +134,8 @@ pub struct Expression {
     pub data_type: DataType,
     /// The unit of its values.
     pub unit: Unit,
+    /// The columns whose values it holds: with 1 where one is added, -1 where it is subtracted, 0 where it is used in another way.
+    pub terms: Vec<(i8, String)>,
 }
 
 impl Expression {
@@ -148,7 +151,7 @@ impl Expression {
         let expr = parse(sql, shape, subject)?;
         // The checks below recurse without a bound of their own.
         row::shallow(&expr, subject)?;
-        let unit = unit::of(&expr, shape)?;
+        let (unit, terms) = (unit::of(&expr, shape)?, sum::of(&expr));
         if extremes_deep(&expr) > MOST_EXTREMES {
             return Err(Fault::new(format!(
                 "more than {MOST_EXTREMES} `greatest` and `least` stand inside of each other"
@@ -161,7 +164,7 @@ impl Expression {
         let schema = Arc::new(Schema::new(fields(columns.iter().filter_map(|name| shape.get(name)))));
         let physical = physical(expr, &schema, shape, subject)?;
         let data_type = physical.data_type(&schema).map_err(|e| wrong(&e, shape, subject))?;
-        Ok(Expression { physical, schema, subject: subject.to_owned(), columns, data_type, unit })
+        Ok(Expression { physical, schema, subject: subject.to_owned(), columns, data_type, unit, terms })
     }
 
     /// Its values, one for each row of `batch`, which holds [`Expression::columns`] among others.

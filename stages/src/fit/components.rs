@@ -9,6 +9,7 @@ use schemas::Fault;
 use crate::columns::data;
 
 /// The components that a fit is made of, and the features that they are made of.
+#[derive(Clone)]
 pub struct Components {
     found: PrincipalComponents,
     features: Vec<String>,

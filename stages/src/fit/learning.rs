@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use rayon::prelude::*;
-use schemas::{Fault, Work};
+use schemas::{Fault, Work, is_same_rate};
 
 use super::{
     FitGather,
@@ -29,6 +29,48 @@ impl FitGather {
             Ok(problem) => problem,
             Err(fault) => return places.iter().map(|_| Err(fault.clone())).collect(),
         };
+        // A network that begins as another keeps the rate at which that one's inputs were differences per sample.
+        let mut rates: BTreeMap<u64, Vec<usize>> = BTreeMap::new();
+        let mut answers: BTreeMap<usize, Result<Solved, Fault>> = BTreeMap::new();
+        for &place in places {
+            match self.rate_of_start(problem, place) {
+                Ok(rate_hz) => rates.entry(rate_hz.to_bits()).or_default().push(place),
+                Err(fault) => drop(answers.insert(place, Err(fault))),
+            }
+        }
+        for (rate_hz, of_rate) in rates {
+            let learnt = match f64::from_bits(rate_hz) {
+                own if own == problem.rate_hz => self.learnt_at(problem, &of_rate, work),
+                other => match problem.at_rate(other) {
+                    Ok(problem) => self.learnt_at(&problem, &of_rate, work),
+                    Err(fault) => of_rate.iter().map(|_| Err(fault.clone())).collect(),
+                },
+            };
+            answers.extend(of_rate.into_iter().zip(learnt));
+        }
+        let lost = || Err(Fault::bug("a training was lost"));
+        places.iter().map(|place| answers.remove(place).unwrap_or_else(lost)).collect()
+    }
+
+    /// The rate at which the inputs of a point are differences per sample, Hz.
+    fn rate_of_start(&self, problem: &Problem, place: usize) -> Result<f64, Fault> {
+        let Ok(Some(start)) = &self.starts[place] else { return Ok(problem.rate_hz) };
+        let parts = start.model.parts();
+        let terms: Vec<String> = parts.iter().flat_map(|p| p.inputs.iter().chain(p.linear)).cloned().collect();
+        match start.rate_hz {
+            _ if !problem.depends_on_rate(&terms) => Ok(problem.rate_hz),
+            Some(rate_hz) if is_same_rate(rate_hz, problem.rate_hz) => Ok(problem.rate_hz),
+            Some(rate_hz) => Ok(rate_hz),
+            None => {
+                let what = "inputs are differences per sample, and the table of `warm_start` has no `rate_hz`";
+                let fault = Fault::data(what).of_param("warm_start");
+                Err(fault.help("fit that network again: the table of a `fit` holds the rate of its lines"))
+            }
+        }
+    }
+
+    /// The same of points at the rate of the problem.
+    fn learnt_at(&self, problem: &Problem, places: &[usize], work: &dyn Work) -> Vec<Result<Solved, Fault>> {
         let mut groups: BTreeMap<InputsKey<'_>, Vec<usize>> = BTreeMap::new();
         for &place in places {
             groups.entry(self.inputs_key(place)).or_default().push(place);
@@ -102,7 +144,7 @@ impl FitGather {
         let task = |&place: &usize| {
             let point = &self.points[place];
             let model = point.model.network().ok_or_else(|| Fault::bug("a model learns with networks and is none"))?;
-            let start = self.starts[place].as_ref().map_err(Clone::clone)?.as_ref();
+            let start = self.starts[place].as_ref().map_err(Clone::clone)?.as_ref().map(|start| &start.model);
             Ok(Task { model, settings: &point.settings, start, inputs, work: work(place) })
         };
         match team.iter().map(task).collect::<Result<Vec<Task<'_>>, Fault>>() {

@@ -145,6 +145,11 @@ pub trait FitModel: Send + Sync {
         None
     }
 
+    /// Whether the errors of its coefficients are found; without, [`ridge`](super::ridge()) gives NaN for them.
+    fn wants_errors(&self) -> bool {
+        self.is_ridge()
+    }
+
     /// Whether it is one point on the path of ridges that the points of a sweep share.
     fn is_ridge(&self) -> bool {
         false

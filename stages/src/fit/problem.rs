@@ -4,14 +4,17 @@ use std::{borrow::Cow, collections::BTreeMap, sync::Arc};
 
 use numerics::{
     compensation::diagnostics::{Excitation, TrivialSolution, approximation_bound_nt, excitation, trivial_solution},
-    regression::least_squares::{LeastSquaresError, LinearFit, Moments, Prepared, RidgePath},
+    regression::{
+        cross_spectra::CrossSpectra,
+        least_squares::{LeastSquaresError, LinearFit, Moments, Prepared, RidgePath},
+    },
 };
 use schemas::Fault;
 
 use super::{
     components::Components,
     question::{Matrix, Targets},
-    rows::{Part, Rows, Share},
+    rows::{Part, Rows, Share, TermRate},
     samples::{LineSamples, Samples},
     settings::{Choose, Settings},
 };
@@ -24,8 +27,16 @@ const WEAK: f64 = 1e-4;
 const TOTAL_NT: std::ops::Range<f64> = 20_000.0..80_000.0;
 
 /// All lines of one matrix and target.
+#[derive(Clone)]
 pub struct Problem<'a> {
     shares: Vec<&'a Share>,
+    /// The names of the matrix' columns, and how those of each share depend on the sample rate.
+    all_terms: &'a [String],
+    rates: Vec<&'a [TermRate]>,
+    /// The factors that bring the terms of each share to `rate_hz`; `None` where all are 1.
+    factors: Vec<Option<Vec<f64>>>,
+    /// The rate at which terms are differences per sample, Hz: that of the first line.
+    pub(super) rate_hz: f64,
     /// The flight of each share.
     flights: Vec<String>,
     /// The lines used, and what is said of those of which nothing is.
@@ -56,7 +67,8 @@ impl<'a> Problem<'a> {
     pub fn new(parts: &[&'a Part], at: &(Matrix, Targets)) -> Result<Self, Fault> {
         let terms = parts.iter().find_map(|p| p.terms.get(&at.0));
         let terms = terms.ok_or_else(|| Fault::data("no selected line has the features of the fit"))?;
-        let all: Vec<(&Part, &Share)> = parts.iter().filter_map(|p| p.shares.get(at).map(|s| (*p, s))).collect();
+        let rates = |part: &'a Part| part.rates.get(&at.0).map(Vec::as_slice).unwrap_or_default();
+        let all: Vec<(&'a Part, &'a Share)> = parts.iter().filter_map(|p| p.shares.get(at).map(|s| (*p, s))).collect();
         let selected = all.iter().map(|(_, s)| s.selected).sum();
         let (used, unused): (Vec<_>, Vec<_>) = all.into_iter().partition(|(_, s)| s.moments.rows() > 0);
         let unused = too_short(&unused);
@@ -67,30 +79,100 @@ impl<'a> Problem<'a> {
             );
             return Err(Fault::data(what).help("select longer lines, or take a smaller `trim` or `order`"));
         }
-        let lines = used.iter().map(|(p, _)| format!("{}/{}", p.flight, p.line)).collect();
+        let lines: Vec<String> = used.iter().map(|(p, _)| format!("{}/{}", p.flight, p.line)).collect();
+        let (rate_hz, rates) = (used[0].0.rate_hz, used.iter().map(|(p, _)| rates(p)).collect());
         let (flights, shares): (Vec<String>, Vec<&Share>) =
             used.into_iter().map(|(p, s)| (p.flight.clone(), s)).unzip();
-        let moments: Vec<Moments> = shares.iter().map(|s| s.moments.clone()).collect();
-        let merged = Moments::merged(&moments).map_err(data)?;
-        let unfiltered: Vec<Moments> = shares.iter().filter_map(|s| s.unfiltered.clone()).collect();
-        let unfiltered = Moments::merged(&unfiltered).ok();
+        let (merged, unfiltered) = (shares[0].moments.clone(), None);
         let (prepared, paths) = (BTreeMap::new(), BTreeMap::new());
-        let (terms, components) = (terms.clone(), None);
-        let places = None;
-        Ok(Self {
+        let problem = Self {
             shares,
+            all_terms: terms,
+            rates,
+            factors: vec![],
+            rate_hz,
             flights,
             lines,
             unused,
-            places,
+            places: None,
             merged,
             unfiltered,
-            terms,
+            terms: terms.clone(),
             selected,
             prepared,
             paths,
-            components,
-        })
+            components: None,
+        };
+        problem.at_rate(rate_hz)
+    }
+
+    /// The same with all its terms as differences per sample of another rate.
+    ///
+    /// # Errors
+    /// When a term has no equivalent at that rate, or the lines have different numbers of terms.
+    pub fn at_rate(&self, rate_hz: f64) -> Result<Self, Fault> {
+        let mut problem = self.clone();
+        (problem.rate_hz, problem.factors) = (rate_hz, vec![]);
+        for rates in &self.rates {
+            let own = rates.iter().zip(self.all_terms).map(|(rate, term)| factor(*rate, term, rate_hz));
+            let own = own.collect::<Result<Vec<f64>, Fault>>()?;
+            problem.factors.push(Some(own).filter(|own| own.iter().any(|x| *x != 1.0)));
+        }
+        problem.prepared.clear();
+        problem.paths.clear();
+        problem.merge()?;
+        Ok(problem)
+    }
+
+    /// Whether one of these terms depends on the sample rate.
+    pub fn depends_on_rate(&self, terms: &[String]) -> bool {
+        let rated = |rates: &&[TermRate]| {
+            rates.iter().zip(self.all_terms).any(|(rate, term)| rate.is_some() && terms.contains(term))
+        };
+        self.rates.iter().any(rated)
+    }
+
+    /// Merges the moments of all lines.
+    fn merge(&mut self) -> Result<(), Fault> {
+        let own = |moments: &Moments, share: usize| {
+            let scaled = self.scaled(moments, share)?;
+            own(&scaled, self.places.as_deref())
+        };
+        let each = self.shares.iter().enumerate();
+        let moments = each.clone().map(|(i, s)| own(&s.moments, i)).collect::<Result<Vec<_>, Fault>>()?;
+        let unfiltered = each.filter_map(|(i, s)| Some(own(s.unfiltered.as_ref()?, i)));
+        let unfiltered = Moments::merged(&unfiltered.collect::<Result<Vec<_>, Fault>>()?).ok();
+        (self.merged, self.unfiltered) = (Moments::merged(&moments).map_err(data)?, unfiltered);
+        Ok(())
+    }
+
+    /// The moments of a share at the rate of the problem.
+    fn scaled<'m>(&self, moments: &'m Moments, share: usize) -> Result<Cow<'m, Moments>, Fault> {
+        match self.factors.get(share) {
+            Some(Some(factors)) => moments.scaled(factors).map(Cow::Owned).map_err(data),
+            Some(None) | None => Ok(Cow::Borrowed(moments)),
+        }
+    }
+
+    /// The cross-spectra of all lines, the target last; `None` where they were not asked for.
+    pub fn spectra(&self) -> Option<CrossSpectra> {
+        if self.components.is_some() {
+            return None;
+        }
+        let mut all: Option<CrossSpectra> = None;
+        for (share, factors) in self.shares.iter().zip(&self.factors) {
+            let spectra = share.spectra.as_ref()?;
+            let width = share.moments.terms();
+            let factor = |i: usize| factors.as_ref().and_then(|f| f.get(i)).copied().unwrap_or(1.0);
+            let places = self.places.clone().unwrap_or_else(|| (0..width).collect());
+            let own: Vec<(usize, f64)> = places.into_iter().map(|i| (i, factor(i))).chain([(width, 1.0)]).collect();
+            let own = spectra.select(&own);
+            match &mut all {
+                Some(all) => all.merge(&own),
+                None => all = Some(own),
+            }
+        }
+        all
     }
 
     /// What is left out one after the other: the lines, or all lines of a flight together.
@@ -125,6 +207,10 @@ impl<'a> Problem<'a> {
         };
         Ok(Problem {
             shares: self.shares.clone(),
+            all_terms: self.all_terms,
+            rates: self.rates.clone(),
+            factors: self.factors.clone(),
+            rate_hz: self.rate_hz,
             flights: self.flights.clone(),
             lines: self.lines.clone(),
             unused: self.unused.clone(),
@@ -157,31 +243,35 @@ impl<'a> Problem<'a> {
 
     /// The moments of each line.
     fn lines(&self) -> Result<Vec<Moments>, Fault> {
-        let own = |s: &&Share| {
-            let own = own(&s.moments, self.places.as_deref())?;
+        let own = |(i, s): (usize, &&Share)| {
+            let own = own(&self.scaled(&s.moments, i)?.into_owned(), self.places.as_deref())?;
             match &self.components {
                 Some(components) => components.of(&own),
                 None => Ok(own),
             }
         };
-        self.shares.iter().map(own).collect()
+        self.shares.iter().enumerate().map(own).collect()
     }
 
     /// The rows of each line: terms row-major, and the target.
     pub fn rows(&self) -> Vec<(Cow<'a, [f64]>, &'a [f64])> {
-        let own = |share: &'a Share| {
+        let own = |(share, factors): (&&'a Share, &Option<Vec<f64>>)| {
             let Rows { a, y, .. } = share.rows.as_ref()?;
+            let width = (a.len() / y.len().max(1)).max(1);
+            let a: Cow<'a, [f64]> = match factors {
+                Some(factors) => Cow::Owned(a.iter().zip(factors.iter().cycle()).map(|(x, f)| x * f).collect()),
+                None => Cow::Borrowed(a.as_slice()),
+            };
             let a = match &self.places {
                 Some(places) => {
-                    let width = a.len() / y.len().max(1);
-                    let row = |row: &'a [f64]| places.iter().map(|&i| row[i]).collect::<Vec<_>>();
-                    Cow::Owned(a.chunks_exact(width.max(1)).flat_map(row).collect())
+                    let row = |row: &[f64]| places.iter().map(|&i| row[i]).collect::<Vec<_>>();
+                    Cow::Owned(a.chunks_exact(width).flat_map(row).collect())
                 }
-                None => Cow::Borrowed(a.as_slice()),
+                None => a,
             };
             Some((a, y.as_slice()))
         };
-        self.shares.iter().filter_map(|s| own(s)).collect()
+        self.shares.iter().zip(&self.factors).filter_map(own).collect()
     }
 
     /// The rows of each line with where they come from, for models that learn.
@@ -264,6 +354,17 @@ impl<'a> Problem<'a> {
         let Some((_, scale_nt)) = self.field() else { return Ok(None) };
         trivial_solution(unfiltered, &self.merged, 0, &self.terms, fit, lambda, scale_nt).map_err(data)
     }
+}
+
+/// The factor that brings a term to another rate.
+pub fn factor(rate: TermRate, term: &str, to_hz: f64) -> Result<f64, Fault> {
+    let Some((law, from_hz)) = rate else { return Ok(1.0) };
+    law.factor(from_hz, to_hz).ok_or_else(|| {
+        let what = format!(
+            "`{term}` is the value of an earlier sample, at {from_hz} Hz on one line and {to_hz} Hz on another"
+        );
+        Fault::data(what).help("`resample` all lines to one rate before `features`")
+    })
 }
 
 /// The moments of the columns at `places` alone; of all without.

@@ -14,11 +14,13 @@ pub struct Matrix {
 /// Columns that are explained together; one but for partial least squares of several.
 pub type Targets = Vec<String>;
 
-/// What is asked of a matrix: its targets, and those of them whose rows are needed as well.
+/// The targets of a matrix, and those of them whose rows or errors are needed as well.
 #[derive(Default)]
 pub struct Question {
     /// All of them.
     pub targets: Vec<Targets>,
     /// Those whose rows are needed.
     pub keeps_rows: Vec<Targets>,
+    /// Those of which the errors of coefficients are asked for.
+    pub wants_errors: Vec<Targets>,
 }

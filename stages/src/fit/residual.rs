@@ -8,6 +8,7 @@ use numerics::signal::noise::{Blocks, Noise, noise};
 
 use super::{
     point::Point,
+    problem::factor,
     rows::Part,
     solve::{Left, Solved},
 };
@@ -22,9 +23,15 @@ pub fn residual_noise(parts: &[&Part], point: &Point, solved: &Solved) -> [f64; 
     };
     let at = (point.matrix.clone(), point.targets());
     let one = |part: &&Part| {
-        let terms = part.terms.get(&at.0)?;
+        let (terms, rates) = (part.terms.get(&at.0)?, part.rates.get(&at.0)?);
+        // The coefficient of this line's term, which may be of another rate than that of the model.
+        let own = |(name, value): (&String, &f64)| {
+            let rate = terms.iter().position(|term| term == name).and_then(|i| rates.get(i).copied().flatten());
+            Some(value * factor(rate, name, solved.rate_hz).ok()?)
+        };
+        let values = names.iter().zip(&fit.coefficients).map(own).collect::<Option<Vec<f64>>>()?;
         part.wide.iter().find(|w| w.asked.contains(&at)).and_then(|w| {
-            let coefficients = names.iter().zip(&fit.coefficients);
+            let coefficients = names.iter().zip(&values);
             w.wide.residual(&point.target, &point.matrix.features, terms, coefficients)
         })
     };

@@ -77,8 +77,10 @@ pub fn ridge(problem: &Problem, settings: &Settings, prepared: &Prepared, lambda
     };
     let solution = path.solutions.get(at).ok_or_else(|| Fault::bug("a fit was lost"))?;
     let coefficients = solution.coefficients.first().cloned().unwrap_or_default();
-    let covariance = path.covariance(at, 0).unwrap_or_default();
     let p = coefficients.len();
+    let spectra = problem.spectra().zip(path.gain(at));
+    let covariance = spectra.and_then(|(s, gain)| s.covariance(&coefficients, &gain, settings.intercept));
+    let covariance = covariance.unwrap_or_default();
     let std = (0..p).map(|i| covariance.get(i * p + i).map_or(f64::NAN, |v| v.sqrt())).collect();
     let residual_std = solution.residual_variances.first().map_or(f64::NAN, |v| v.sqrt());
     let intercept = prepared.original(0, &prepared.scaled(&coefficients)).intercept;
@@ -140,7 +142,10 @@ fn by_leaving_out(grid: &[f64], problem: &Problem, settings: &Settings) -> Resul
 
 #[cfg(test)]
 mod tests {
-    use crate::fit::testing::{COEFFICIENTS, INTERCEPT_NT, fitted, number, word};
+    use crate::{
+        fit::testing::{COEFFICIENTS, INTERCEPT_NT, fitted, fitted_to, flag, number, word},
+        testing::{batch, sampled},
+    };
 
     #[test]
     fn law_without_a_penalty_the_truth_is_recovered_on_every_scale() {
@@ -148,6 +153,56 @@ mod tests {
             let found = fitted("ridge", &[number("lambda", 0.0), word("scaling", scaling)]).value;
             let truth = COEFFICIENTS.into_iter().chain([INTERCEPT_NT]);
             assert!(found.iter().zip(truth).all(|(a, b)| (a - b).abs() < 1e-9 * b.abs()), "{scaling}: {found:?}");
+        }
+    }
+
+    /// Normal numbers of a generator that has nothing in common with the one of the numerics.
+    struct Noise(u64);
+
+    impl Noise {
+        fn draw(&mut self) -> f64 {
+            let mut uniform = || {
+                self.0 ^= self.0 << 13;
+                self.0 ^= self.0 >> 7;
+                self.0 ^= self.0 << 17;
+                (self.0 >> 11) as f64 / (1u64 << 53) as f64
+            };
+            (0..12).map(|_| uniform()).sum::<f64>() - 6.0
+        }
+    }
+
+    /// The scatter of the coefficients of many calibrations over the one sigma that they claim, root mean square. The noise of
+    /// a sample is `memory` times the one before and a new number.
+    fn scatter_over_claimed(memory: f64, keys: &[(String, schemas::Literal)]) -> f64 {
+        let (calibrations, rows) = (120, 3000);
+        let wave = |f: f64| sampled(0.0, 10.0, rows, move |t| (std::f64::consts::TAU * f * t).sin());
+        let (a, b, c) = (wave(0.15), wave(0.22), wave(0.31));
+        let mut squares = 0.0;
+        for calibration in 0..calibrations {
+            let (mut noise, mut last) = (Noise(0x9E37_79B9 + 77 * calibration), 0.0);
+            let mut next = || {
+                last = memory * last + noise.draw();
+                last
+            };
+            let y = (0..rows).map(|i| 12.0 * a[i] - 7.0 * b[i] + 3.5 * c[i] + next()).collect();
+            let columns = [("tt", "s", sampled(0.0, 10.0, rows, |t| t)), ("y", "nT", y)];
+            let features = [("a", "nT", a.clone()), ("b", "nT", b.clone()), ("c", "nT", c.clone())];
+            let line = batch(columns.into_iter().chain(features).collect());
+            let found =
+                fitted_to(&[line], "ridge", &[&[number("lambda", 0.0), flag("intercept", false)], keys].concat());
+            let each = found.value.iter().zip(&found.std).zip(COEFFICIENTS);
+            squares += each.map(|((value, std), truth)| ((value - truth) / std).powi(2)).sum::<f64>();
+        }
+        (squares / (3.0 * calibrations as f64)).sqrt()
+    }
+
+    #[test]
+    fn law_coefficients_scatter_as_they_claim_with_and_without_a_filter_and_in_coloured_noise() {
+        let band = [number("low_hz", 0.1), number("high_hz", 0.9)];
+        for (memory, keys) in [(0.0, &band[..]), (0.0, &[]), (0.95, &band[..]), (0.95, &[])] {
+            let found = scatter_over_claimed(memory, keys);
+            // With independent samples assumed: 2.5 behind the filter, 6 in the coloured noise.
+            assert!((0.9..1.1).contains(&found), "{memory} {}: {found}", keys.len());
         }
     }
 

@@ -4,13 +4,16 @@ use std::{collections::BTreeMap, ops::Range};
 
 use arrow_array::RecordBatch;
 use numerics::{
-    regression::least_squares::{Moments, MomentsAccumulator},
+    regression::{
+        cross_spectra::CrossSpectra,
+        least_squares::{Moments, MomentsAccumulator},
+    },
     signal::{
         filter::ConstantColumns,
         segments::{Usable, filter_matrix},
     },
 };
-use schemas::{Fault, LineIn};
+use schemas::{Fault, LineIn, RateLaw, Sampling};
 
 use super::{
     question::{Matrix, Question, Targets},
@@ -18,11 +21,16 @@ use super::{
 };
 use crate::{
     bandpass::design,
-    columns::{data, even_rate_hz, floats, matrix},
+    columns::{data, even_rate_hz, floats, matrix, sampling},
 };
 
 /// Rows kept of a line's unfiltered terms, evenly spread: enough to tell a total field from an aircraft's.
 const THINNED: usize = 500;
+/// Most columns of which the errors of coefficients are found: their cross-spectra grow with the square.
+const MOST_WITH_ERRORS: usize = 96;
+
+/// The dependence of a term on the sample rate, and the rate at which it was made, Hz; `None` where it has none.
+pub type TermRate = Option<(RateLaw, f64)>;
 
 /// One line's share of a fit.
 pub struct Share {
@@ -32,6 +40,8 @@ pub struct Share {
     pub unfiltered: Option<Moments>,
     /// The rows themselves, where a model needs them.
     pub rows: Option<Rows>,
+    /// The cross-spectra of these rows, the target last, where the errors of coefficients are asked for.
+    pub spectra: Option<CrossSpectra>,
     /// Rows of the line that `where` selects.
     pub selected: usize,
     /// Rows of the longest run, and how many filter and trim take at least.
@@ -61,10 +71,14 @@ pub struct Unfiltered {
 pub struct Part {
     pub flight: String,
     pub line: String,
+    /// Samples a second.
+    pub rate_hz: f64,
     pub shares: BTreeMap<(Matrix, Targets), Share>,
     /// Why a question has no answer from this line.
     pub refused: BTreeMap<(Matrix, Targets), Fault>,
     pub terms: BTreeMap<Matrix, Vec<String>>,
+    /// How each of these terms depends on the sample rate.
+    pub rates: BTreeMap<Matrix, Vec<TermRate>>,
     pub wide: Vec<Unfiltered>,
 }
 
@@ -72,14 +86,22 @@ pub struct Part {
 struct Block<'a> {
     values: &'a [f64],
     names: Vec<String>,
+    sampling: Sampling,
 }
 
 impl<'a> Block<'a> {
     fn new(batch: &'a RecordBatch, name: &str) -> Result<Self, Fault> {
         match matrix(batch, name) {
-            Ok((values, names)) => Ok(Self { values, names }),
-            Err(_) => Ok(Self { values: floats(batch, name)?, names: vec![name.to_owned()] }),
+            Ok((values, names)) => Ok(Self { values, names, sampling: sampling(batch, name)? }),
+            Err(_) => {
+                let (values, names) = (floats(batch, name)?, vec![name.to_owned()]);
+                Ok(Self { values, names, sampling: Sampling::default() })
+            }
         }
+    }
+
+    fn rates(&self) -> impl Iterator<Item = TermRate> + '_ {
+        self.names.iter().map(|name| self.sampling.law(name).zip(self.sampling.rate_hz))
     }
 
     fn row(&self, row: usize) -> &[f64] {
@@ -107,7 +129,7 @@ impl Part {
         let batch = &line.inputs[0];
         let tt = floats(batch, "tt")?;
         let rate_hz = even_rate_hz(tt)?;
-        let mut part = Part { flight: line.flight.clone(), line: line.line.clone(), ..Part::default() };
+        let mut part = Part { flight: line.flight.clone(), line: line.line.clone(), rate_hz, ..Part::default() };
         let mut blocks: BTreeMap<&str, Block> = BTreeMap::new();
         let mut groups: Vec<Group> = vec![];
         for (key, question) in questions {
@@ -119,6 +141,7 @@ impl Part {
             let own: Option<Vec<&Block>> = key.features.iter().map(|n| blocks.get(n.as_str())).collect();
             let Some(own) = own else { continue };
             part.terms.insert(key.clone(), own.iter().flat_map(|b| b.names.clone()).collect());
+            part.rates.insert(key.clone(), own.iter().flat_map(|b| b.rates()).collect());
             let selected = line.keep.as_ref().map_or_else(|| Usable::all(tt.len()), |keep| Usable::selected(keep));
             let count = selected.rows().iter().filter(|k| **k).count();
             let usable = own.iter().fold(selected, |u, b| u.and_finite_rows(b.values, b.names.len()));
@@ -231,7 +254,11 @@ fn fold(
             let ys: Vec<&[f64]> = ys.iter().map(Vec::as_slice).collect();
             folded.push(&sheet.part(&columns, run), &ys).map_err(data)?;
         }
-        let keeps = questions.get(*key).map(|q| q.keeps_rows.as_slice()).unwrap_or_default();
+        let question = questions.get(*key);
+        let keeps = question.map(|q| q.keeps_rows.as_slice()).unwrap_or_default();
+        let errors = question.map(|q| q.wants_errors.as_slice()).unwrap_or_default();
+        let with_errors = columns.len() < MOST_WITH_ERRORS && wanted.iter().any(|t| errors.contains(t));
+        let spectra = with_errors.then(|| spectra((&sheet, &columns), (&y, &at), &kept, rate_hz));
         for together in wanted {
             let own: Vec<usize> = together.iter().filter_map(place).collect();
             let chosen: Vec<usize> = own.iter().filter_map(|c| at.iter().position(|a| a == c)).collect();
@@ -247,6 +274,11 @@ fn fold(
             });
             let share = Share {
                 moments: folded.select(&chosen).finish(),
+                spectra: spectra.as_ref().filter(|_| errors.contains(together)).map(|spectra| {
+                    let target = chosen.iter().map(|target| columns.len() + target);
+                    let own: Vec<(usize, f64)> = (0..columns.len()).chain(target.take(1)).map(|c| (c, 1.0)).collect();
+                    spectra.select(&own)
+                }),
                 unfiltered: unfiltered.transpose().map_err(data)?,
                 rows,
                 selected: group.selected,
@@ -256,6 +288,23 @@ fn fold(
         }
     }
     Ok(())
+}
+
+/// The cross-spectra of columns and targets over runs of rows.
+fn spectra(
+    (sheet, columns): (&Sheet, &[usize]),
+    (y, at): (&Sheet, &[usize]),
+    kept: &[Range<usize>],
+    rate_hz: f64,
+) -> CrossSpectra {
+    let mut spectra = CrossSpectra::new(columns.len() + at.len());
+    for run in kept {
+        let run = std::slice::from_ref(run);
+        let (a, y) = (sheet.part(columns, run), y.part(at, run));
+        let rows = a.chunks_exact(columns.len().max(1)).zip(y.chunks_exact(at.len().max(1)));
+        spectra.push(&rows.flat_map(|(a, y)| a.iter().chain(y).copied()).collect::<Vec<f64>>(), rate_hz);
+    }
+    spectra
 }
 
 /// What the noise of the group's models is found from.
@@ -273,7 +322,7 @@ fn unfiltered(
         }
     }
     for name in targets(group) {
-        wide.target(&name, floats(batch, &name)?);
+        wide.target(&name, floats(batch, &name)?, batch.schema().field_with_name(&name).ok());
     }
     let asked = group.asked.iter().flat_map(|(key, all)| all.iter().map(|t| ((*key).clone(), t.clone())));
     Ok(Unfiltered { asked: asked.collect(), wide })

@@ -57,6 +57,8 @@ pub struct Solved {
     pub approximation_bound_nt: f64,
     /// The lines whose rows were used.
     pub lines: String,
+    /// The rate at which terms are differences per sample, Hz.
+    pub rate_hz: f64,
     /// What to know before the fit is trusted.
     pub warning: String,
 }
@@ -90,6 +92,7 @@ pub fn solve(problem: &mut Problem, point: &Point) -> Result<Solved, Fault> {
         approximation_bound_nt,
         trivial_share: trivial.as_ref().map_or(f64::NAN, |t| t.share),
         lines: problem.lines.join(", "),
+        rate_hz: problem.rate_hz,
         warning: warning(point, &excited, trivial.as_ref(), &problem.unused),
     })
 }
@@ -137,6 +140,7 @@ pub fn solved(problem: &Problem, samples: &Samples, learnt: Learnt) -> Result<So
         trivial_share: f64::NAN,
         approximation_bound_nt: f64::NAN,
         lines: problem.lines.join(", "),
+        rate_hz: problem.rate_hz,
         warning: warning.into_iter().chain(too_short(&problem.unused)).collect::<Vec<_>>().join("; "),
     })
 }

@@ -23,6 +23,8 @@ pub struct Found {
     pub warning: String,
     /// The coefficients, the intercept last where there is one.
     pub value: Vec<f64>,
+    /// One sigma of each.
+    pub std: Vec<f64>,
     pub residual_std: f64,
     pub chosen: f64,
     /// How many rows were used.
@@ -201,5 +203,6 @@ fn begun(
     let text = |i: usize| table[i].as_string::<i32>().iter().map(|t| t.unwrap_or_default().to_owned()).collect();
     let (term, warnings): (Vec<String>, Vec<String>) = (text(1), text(12));
     let warning = warnings[0].clone();
-    Ok(Found { term, warning, value: column(2), residual_std: column(7)[0], chosen: column(8)[0], rows: rows as f64 })
+    let (value, std, rows) = (column(2), column(3), rows as f64);
+    Ok(Found { term, warning, value, std, residual_std: column(7)[0], chosen: column(8)[0], rows })
 }

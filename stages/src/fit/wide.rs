@@ -4,10 +4,12 @@
 use std::{collections::BTreeMap, ops::Range};
 
 use arrow_array::RecordBatch;
+use arrow_schema::Field;
 use numerics::{
     earth::core_field::{CoreModel, CoreTrack},
     signal::noise::{Blocks, samples_a_block},
 };
+use schemas::{Correction, Removed, describe_field};
 
 use crate::{
     columns::floats,
@@ -74,9 +76,9 @@ impl Layout {
 pub struct Wide {
     layout: Layout,
     features: BTreeMap<String, Vec<Values>>,
-    targets: BTreeMap<String, Values>,
-    /// The earth's part of a total field.
-    earth: Values,
+    targets: BTreeMap<String, (Values, Removed)>,
+    /// The earth's parts of a total field.
+    earth: Vec<(Correction, Values)>,
 }
 
 impl Wide {
@@ -87,10 +89,8 @@ impl Wide {
         let core = core.filter(|x| x.iter().all(|x| x.is_finite())).or_else(|| computed(batch, &layout));
         let diurnal = floats(batch, "diurnal").ok().map(|x| layout.values(|row| x[row]));
         let diurnal = diurnal.filter(|x| x.iter().all(|x| x.is_finite()));
-        let mut earth = layout.values(|_| 0.0);
-        for part in [core, diurnal].into_iter().flatten() {
-            earth.iter_mut().zip(part).for_each(|(e, x)| *e += x);
-        }
+        let earth = [(Correction::Core, core), (Correction::Diurnal, diurnal)];
+        let earth = earth.into_iter().filter_map(|(which, part)| Some((which, part?))).collect();
         Self { layout, features: BTreeMap::new(), targets: BTreeMap::new(), earth }
     }
 
@@ -101,10 +101,10 @@ impl Wide {
         self.features.entry(name.to_owned()).or_insert_with(|| (0..width).map(entry).collect());
     }
 
-    /// Adds a target.
-    pub fn target(&mut self, name: &str, values: &[f64]) {
-        let layout = &self.layout;
-        self.targets.entry(name.to_owned()).or_insert_with(|| layout.values(|row| values[row]));
+    /// Adds a target, with the corrections that the field of its column says it has had.
+    pub fn target(&mut self, name: &str, values: &[f64], field: Option<&Field>) {
+        let (layout, removed) = (&self.layout, field.map(|field| describe_field(field).removed).unwrap_or_default());
+        self.targets.entry(name.to_owned()).or_insert_with(|| (layout.values(|row| values[row]), removed));
     }
 
     /// What a model leaves of the target: `terms` are the names of all entries of the features, one after the other, and
@@ -117,11 +117,13 @@ impl Wide {
         coefficients: impl Iterator<Item = (&'a String, &'a f64)>,
     ) -> Option<Blocks> {
         let all: Vec<&Values> = features.iter().filter_map(|f| self.features.get(f)).flatten().collect();
-        let mut left = self.targets.get(target)?.clone();
+        let (mut left, removed) = self.targets.get(target)?.clone();
         let blocks = left.len() - self.layout.steps.len();
         let mean = left[..blocks].iter().sum::<f64>() / blocks as f64;
         if TOTAL_NT.contains(&mean) {
-            left.iter_mut().zip(&self.earth).for_each(|(l, e)| *l -= e);
+            for (_, part) in self.earth.iter().filter(|(which, _)| !removed.contains(which)) {
+                left.iter_mut().zip(part).for_each(|(l, e)| *l -= e);
+            }
         }
         for (term, value) in coefficients {
             let column = all.get(terms.iter().position(|t| t == term)?)?;

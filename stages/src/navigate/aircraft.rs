@@ -3,13 +3,16 @@
 use std::borrow::Cow;
 
 use numerics::navigation::online::{CoefficientPrior, check_sources, prior_from_calibrations};
-use schemas::{ColumnType, Fault, Rule, params};
+use schemas::{ColumnType, Correction, Fault, Rule, Sampling, params};
 
 use super::{
     Calibration,
     filter::{Flight, Flown},
 };
-use crate::columns::{data, matrix};
+use crate::{
+    columns::{data, matrix, rate_factor, sampling},
+    corrections::twice,
+};
 
 params! {
     /// The linear model of the aircraft's field whose coefficients are estimated in flight.
@@ -20,8 +23,8 @@ params! {
     permanent_sigma_nt: f64, unit "nT", default 2000.0, rule Rule::Positive;
     /// Of an induced coefficient.
     induced_sigma_nt: f64, unit "nT", default 1000.0, rule Rule::Positive;
-    /// Of an eddy coefficient, whose term is the change of the field from sample to sample over its scale; it is divided by
-    /// the time of a sample.
+    /// Of an eddy coefficient, whose term is the change of the field from sample to sample over its scale; it is multiplied by
+    /// the rate of the line.
     eddy_sigma_nt_s: f64, unit "nT s", default 500.0, rule Rule::Positive;
     /// Of the constant `bias`.
     bias_sigma_nt: f64, unit "nT", default 500.0, rule Rule::Positive;
@@ -30,8 +33,10 @@ params! {
     /// One sigma of each harmonic of the magnetometer's heading error: the first, second and fourth of the angle between
     /// its axis and the field, `heading_1`, `heading_2` and `heading_4`. Needs `vector`.
     heading_error_sigma_nt: Option<f64>, unit "nT", absent "it is taken to have none", rule Rule::Positive;
-    /// What the one sigma of the calibrations under `model` is multiplied by. Of one calibration it is that of its fit,
-    /// of several their scatter.
+    /// Factor on the one sigma of the calibrations under `model`. Of one calibration it is that of its fit,
+    /// of several their scatter. Coefficients of differences per sample are converted from the rate of the fit to that of the
+    /// line; slower than about 5 Hz the differences themselves miss much of a manoeuvre: (2 pi f / rate)^2 / 6 of a change at
+    /// the frequency f.
     prior_factor: f64, unit "1", default 1.0, rule Rule::Positive;
 }
 
@@ -40,6 +45,8 @@ pub(super) struct Terms<'a> {
     pub(super) names: Vec<String>,
     /// Row-major, a row a sample.
     pub(super) values: Cow<'a, [f64]>,
+    /// Which of them depend on the sample rate, and that rate.
+    pub(super) sampling: Sampling,
 }
 
 /// The harmonics of the heading error of an optically pumped magnetometer.
@@ -64,24 +71,34 @@ impl AircraftModel {
             let what = "a heading error needs the direction of the field: `vector`, the name of a vector magnetometer";
             return Err(vec![Fault::new(what).of_param("heading_error_sigma_nt")]);
         }
+        let key = ("heading_error_sigma_nt", "leave `heading_error_sigma_nt` out");
+        let asked = Some(self.heading_error_sigma_nt.is_some());
+        if let Some(fault) = twice(flight.shape, flight.mags, Correction::Heading, asked, key) {
+            return Err(vec![fault]);
+        }
         Ok(vec![self.terms.clone()])
     }
 
     /// The terms along a line.
     pub(super) fn terms<'a>(&self, flown: &'a Flown) -> Result<Terms<'a>, Fault> {
         let (values, mut names) = matrix(flown.columns, &self.terms)?;
+        let sampling = sampling(flown.columns, &self.terms)?;
         let (Some(_), Some(cosines)) = (self.heading_error_sigma_nt, &flown.cosines) else {
-            return Ok(Terms { names, values: Cow::Borrowed(values) });
+            return Ok(Terms { names, values: Cow::Borrowed(values), sampling });
         };
         let rows = values.chunks_exact(names.len().max(1)).zip(cosines);
         let values = rows.flat_map(|(row, cosine)| row.iter().copied().chain(heading_terms(*cosine))).collect();
         names.extend(HEADING.iter().map(|(name, _)| (*name).to_owned()));
-        Ok(Terms { names, values: Cow::Owned(values) })
+        Ok(Terms { names, values: Cow::Owned(values), sampling })
     }
 
-    /// What is known of the coefficients before a line whose samples are `dt_s` apart.
-    pub(super) fn prior(&self, names: &[String], dt_s: f64, models: &[Calibration]) -> Result<CoefficientPrior, Fault> {
-        let cold: Vec<f64> = names.iter().map(|name| self.cold_sigma_nt(name, dt_s)).collect();
+    /// The prior of the coefficients of a line's terms.
+    ///
+    /// # Errors
+    /// When no term is the model's, or one has no equivalent at the rate of the line.
+    pub(super) fn prior(&self, terms: &Terms, models: &[Calibration]) -> Result<CoefficientPrior, Fault> {
+        let names = &terms.names;
+        let cold: Vec<f64> = names.iter().map(|name| self.cold_sigma_nt(name, &terms.sampling)).collect();
         let mut prior = CoefficientPrior::independent(&vec![0.0; names.len()], &cold);
         // The coefficients that every calibration has.
         let known: Vec<usize> = (0..names.len())
@@ -91,10 +108,15 @@ impl AircraftModel {
             let what = format!("the model has none of the terms of `{}`", self.terms);
             return Err(Fault::data(what).help("fit it on the same terms").of_param("model"));
         }
-        let of = |model: &Calibration| -> (Vec<f64>, Vec<f64>) {
-            known.iter().filter_map(|i| model.term(&names[*i])).unzip()
+        let of = |model: &Calibration| -> Result<(Vec<f64>, Vec<f64>), Fault> {
+            let own = known.iter().filter_map(|i| Some((&names[*i], model.term(&names[*i])?)));
+            let own = own.map(|(name, (value, sigma))| {
+                let factor = rate_factor(&terms.sampling, name, model.rate_hz).map_err(|f| f.of_param("model"))?;
+                Ok((factor * value, factor * sigma))
+            });
+            Ok(own.collect::<Result<Vec<_>, Fault>>()?.into_iter().unzip())
         };
-        let calibrations: Vec<(Vec<f64>, Vec<f64>)> = models.iter().map(of).collect();
+        let calibrations = models.iter().map(of).collect::<Result<Vec<(Vec<f64>, Vec<f64>)>, Fault>>()?;
         let told = match calibrations.as_slice() {
             [] => return Ok(prior),
             [(values, sigmas)] => CoefficientPrior::independent(values, sigmas),
@@ -115,7 +137,7 @@ impl AircraftModel {
 
     /// One sigma of a coefficient of which nothing is known, by the family of its name: `x`, `xy`, `xy_dot`, also behind
     /// the `TL_A_flux_a_` of `features`.
-    fn cold_sigma_nt(&self, term: &str, dt_s: f64) -> f64 {
+    fn cold_sigma_nt(&self, term: &str, sampling: &Sampling) -> f64 {
         if let Some(sigma_nt) = self.heading_error_sigma_nt
             && HEADING.iter().any(|(name, _)| *name == term)
         {
@@ -131,7 +153,7 @@ impl AircraftModel {
         };
         let axes = !name.is_empty() && name.chars().all(|axis| matches!(axis, 'x' | 'y' | 'z'));
         match (name.len(), changes) {
-            (2, true) if axes => self.eddy_sigma_nt_s / dt_s,
+            (2, true) if axes => self.eddy_sigma_nt_s * sampling.law(term).and(sampling.rate_hz).unwrap_or(1.0),
             (1, false) if axes => self.permanent_sigma_nt,
             (2, false) if axes => self.induced_sigma_nt,
             _ if name == "bias" => self.bias_sigma_nt,
@@ -147,15 +169,6 @@ pub(super) fn one_with_models(flown: &Flown) -> Result<(), Fault> {
         return Err(Fault::data(what).help("leave `model` out, or navigate with one magnetometer").of_param("model"));
     }
     Ok(())
-}
-
-/// The mean time from sample to sample, in s; 1 for a single sample.
-pub(super) fn step_s(flown: &Flown) -> f64 {
-    let tt_s = flown.ins.tt_s;
-    match (tt_s.first(), tt_s.last()) {
-        (Some(first), Some(last)) if tt_s.len() > 1 => (last - first) / (tt_s.len() - 1) as f64,
-        _ => 1.0,
-    }
 }
 
 #[cfg(test)]
@@ -176,22 +189,26 @@ mod tests {
         }
     }
 
-    fn names() -> Vec<String> {
-        ["x", "xy", "zz_dot", "bias", "x_dot"].map(str::to_owned).to_vec()
+    fn terms(names: &[&str], rate_hz: f64) -> Terms<'static> {
+        let names: Vec<String> = names.iter().map(ToString::to_string).collect();
+        let sampling = Sampling { rate_hz: Some(rate_hz), ..Sampling::of_names(&names) };
+        Terms { names, values: Cow::Owned(vec![]), sampling }
     }
+
+    const NAMES: [&str; 5] = ["x", "xy", "zz_dot", "bias", "x_dot"];
 
     fn calibration(values: [f64; 2]) -> Calibration {
         let terms = ["xy", "x"].map(str::to_owned).to_vec();
-        Calibration { terms, values_nt: values.to_vec(), sigmas_nt: vec![3.0, 4.0] }
+        Calibration { terms, values_nt: values.to_vec(), sigmas_nt: vec![3.0, 4.0], rate_hz: None }
     }
 
     #[test]
     fn unit_without_a_calibration_each_family_has_its_sigma() {
-        let prior = model().prior(&names(), 0.1, &[]).unwrap();
+        let prior = model().prior(&terms(&NAMES, 10.0), &[]).unwrap();
         assert_eq!(prior.sigma(), [2000.0, 1000.0, 5000.0, 500.0, 20.0]);
         assert_eq!(prior.mean, [0.0; 5]);
         let of_features = ["TL_A_flux_d_x", "TL_A_flux_d_zz", "TL_A_flux_d_xy_dot", "TL_A_flux_d_bias", "cur_strb"];
-        let prior = model().prior(&of_features.map(str::to_owned), 0.1, &[]).unwrap();
+        let prior = model().prior(&terms(&of_features, 10.0), &[]).unwrap();
         assert_eq!(prior.sigma(), [2000.0, 1000.0, 5000.0, 500.0, 20.0]);
     }
 
@@ -201,23 +218,44 @@ mod tests {
         let terms: Vec<f64> = heading_terms(0.5).collect();
         assert!(terms.iter().zip([0.5, -0.5, -0.5]).all(|(a, b): (&f64, f64)| (a - b).abs() < 1e-12), "{terms:?}");
         assert!(heading_terms(f64::NAN).all(f64::is_nan));
-        let names = HEADING.map(|(name, _)| name.to_owned());
-        assert_eq!(model().prior(&names, 0.1, &[]).unwrap().sigma(), [20.0; 3]);
+        let names = HEADING.map(|(name, _)| name);
+        assert_eq!(model().prior(&terms(&names, 10.0), &[]).unwrap().sigma(), [20.0; 3]);
     }
 
     #[test]
     fn unit_a_calibration_tells_its_terms_and_the_others_stay_cold() {
-        let prior = model().prior(&names(), 0.1, &[calibration([30.0, 40.0])]).unwrap();
+        let prior = model().prior(&terms(&NAMES, 10.0), &[calibration([30.0, 40.0])]).unwrap();
         assert_eq!(prior.mean, [40.0, 30.0, 0.0, 0.0, 0.0]);
         assert_eq!(prior.sigma(), [8.0, 6.0, 5000.0, 500.0, 20.0]);
-        let foreign = Calibration { terms: vec!["cur_ac_hi".to_owned()], values_nt: vec![1.0], sigmas_nt: vec![1.0] };
-        assert!(model().prior(&names(), 0.1, &[foreign]).unwrap_err().what.contains("none of the terms"));
+        let (cur, one) = (vec!["cur_ac_hi".to_owned()], vec![1.0]);
+        let foreign = Calibration { terms: cur, values_nt: one.clone(), sigmas_nt: one, rate_hz: None };
+        assert!(model().prior(&terms(&NAMES, 10.0), &[foreign]).unwrap_err().what.contains("none of the terms"));
+    }
+
+    #[test]
+    fn law_a_calibration_of_another_rate_is_converted_or_refused() {
+        let of = |rate_hz: Option<f64>| {
+            let terms = ["zz_dot", "x"].map(str::to_owned).to_vec();
+            Calibration { terms, values_nt: vec![300.0, 40.0], sigmas_nt: vec![5.0, 1.0], rate_hz }
+        };
+        // A difference at 1 Hz is ten times that at 10 Hz, so that its coefficient is a tenth.
+        let prior = model().prior(&terms(&NAMES, 1.0), &[of(Some(10.0))]).unwrap();
+        assert_eq!((prior.mean[2], prior.mean[0]), (30.0, 40.0));
+        let sigma = prior.sigma();
+        assert!((sigma[2] - 1.0).abs() < 1e-12 && (sigma[0] - 2.0).abs() < 1e-12, "{sigma:?}");
+        let fault = model().prior(&terms(&NAMES, 1.0), &[of(None)]).unwrap_err();
+        assert!(fault.what.contains("no `rate_hz`"), "{fault}");
+        assert_eq!(fault.param.as_deref(), Some("model"));
+        // Terms that do not depend on the rate need none.
+        assert!(model().prior(&terms(&["x"], 1.0), &[of(None)]).is_ok());
+        let per_second = Terms { sampling: Sampling::default(), ..terms(&["zz_dot"], 1.0) };
+        assert_eq!(model().prior(&per_second, &[]).unwrap().sigma(), [500.0], "a change per second has no rate");
     }
 
     #[test]
     fn law_several_calibrations_tell_by_their_scatter() {
         let several = [[30.0, 40.0], [34.0, 40.0], [32.0, 46.0]].map(calibration);
-        let prior = model().prior(&names(), 0.1, &several).unwrap();
+        let prior = model().prior(&terms(&NAMES, 10.0), &several).unwrap();
         assert_eq!(prior.mean[..2], [42.0, 32.0]);
         // Variances of 12 and 4 nT², widened by 4/3 for the mean and by 3 for being estimates, and by the factor.
         for (sigma, variance) in prior.sigma().iter().zip([12.0, 4.0]) {

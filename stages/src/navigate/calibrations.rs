@@ -4,7 +4,7 @@ use arrow_array::{Array, RecordBatch, cast::AsArray};
 use schemas::Fault;
 
 use super::{STD, TERM, VALUE};
-use crate::columns::floats;
+use crate::{columns::floats, fitted::rate_of};
 
 /// The coefficients of one fit.
 #[derive(Clone, Debug, PartialEq)]
@@ -15,6 +15,8 @@ pub struct Calibration {
     pub values_nt: Vec<f64>,
     /// One sigma of each, from the residual of the fit, in nT.
     pub sigmas_nt: Vec<f64>,
+    /// The rate at which terms are differences per sample, Hz; `None` of a table that does not say.
+    pub rate_hz: Option<f64>,
 }
 
 impl Calibration {
@@ -27,7 +29,7 @@ impl Calibration {
         let terms = table.column_by_name(TERM).and_then(|t| t.as_string_opt::<i32>());
         let terms = terms.ok_or_else(|| Fault::data("the model names no terms"))?;
         let terms: Vec<String> = (0..terms.len()).map(|row| terms.value(row).to_owned()).collect();
-        Ok(Self { terms, values_nt, sigmas_nt: floats(table, STD)?.to_vec() })
+        Ok(Self { terms, values_nt, sigmas_nt: floats(table, STD)?.to_vec(), rate_hz: rate_of(table) })
     }
 
     /// The coefficient of a term and its one sigma; `None` where the fit has no such term.

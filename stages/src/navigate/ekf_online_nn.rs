@@ -1,5 +1,7 @@
 //! The extended Kalman filter that trains a small network of the aircraft's field in flight.
 
+use std::borrow::Cow;
+
 use numerics::navigation::{
     line::NavigationLine,
     online::{OnlineParameters, check_sources},
@@ -15,7 +17,7 @@ use super::calibrations::Calibration as Fitted;
 use super::filter::{Flight, Flown, NavigationFilter, Track, filter};
 use super::further::{Further, updates};
 use crate::{
-    columns::{array, data, list, matrix},
+    columns::{array, data, list, matrix, rate_factor, sampling},
     trained::Learned,
 };
 
@@ -33,7 +35,8 @@ filter! {
     ///
     /// With a `model`, the table of a fit of `m1` with one hidden layer to the aircraft's field (targets `c` and `d`), the
     /// weights begin as those of that network, whose units and activation `hidden` and `activation` have to say. The
-    /// recursion then finds their covariance, and what has changed since.
+    /// recursion then finds their covariance, and what has changed since. Features that are differences per sample are
+    /// converted to the rate of that fit.
     ///
     /// A scalar magnetometer among the features is refused: the filter would subtract what it navigates by. `aircraft` is
     /// the field of the aircraft by the weights of the sample. The covariance of the weights does not know what the network
@@ -127,7 +130,8 @@ impl NavigationFilter for EkfOnlineNn {
     fn navigate(&self, flown: &Flown) -> Result<Track, Fault> {
         let fixes = flown.fixes().ok_or_else(|| Fault::bug("a network without GNSS is trained"))?;
         let line = NavigationLine { fixes: Some(fixes), ..flown.line_with(self.discretisation)? };
-        let (features, names) = matrix(flown.columns, &self.features)?;
+        let (features, names) = self.features(flown)?;
+        let features = features.as_ref();
         let (network, prior, training) = self.train(flown, &line, fixes, (features, &names))?;
         let mut measured_nt = flown.measured_nt.clone();
         measured_nt[..training].fill(f64::NAN);
@@ -165,6 +169,19 @@ impl NavigationFilter for EkfOnlineNn {
 }
 
 impl EkfOnlineNn {
+    /// The features of the line, row-major, with their names: at the rate of the model that the weights begin with.
+    fn features<'a>(&self, flown: &'a Flown) -> Result<(Cow<'a, [f64]>, Vec<String>), Fault> {
+        let (features, names) = matrix(flown.columns, &self.features)?;
+        let Some(model) = flown.models.first() else { return Ok((Cow::Borrowed(features), names)) };
+        let own = sampling(flown.columns, &self.features)?;
+        let factor = |name: &String| rate_factor(&own, name, model.rate_hz).map_err(|fault| fault.of_param("model"));
+        let factors = names.iter().map(factor).collect::<Result<Vec<f64>, Fault>>()?;
+        if factors.iter().all(|factor| *factor == 1.0) {
+            return Ok((Cow::Borrowed(features), names));
+        }
+        Ok((features.iter().zip(factors.iter().cycle()).map(|(x, factor)| x * factor).collect(), names))
+    }
+
     /// The network, its weights before the loss of GNSS, and the number of samples until then.
     fn train(
         &self,
@@ -294,7 +311,7 @@ mod tests {
         let terms = Learned::Network(made.clone()).terms();
         let (terms, values_nt): (Vec<String>, Vec<f64>) = terms.into_iter().map(|t| (t.name, t.value)).unzip();
         let sigmas_nt = vec![f64::NAN; terms.len()];
-        (made, Fitted { terms, values_nt, sigmas_nt })
+        (made, Fitted { terms, values_nt, sigmas_nt, rate_hz: None })
     }
 
     #[test]
@@ -322,7 +339,8 @@ mod tests {
         assert!(why(&table, &both, 3, Activation::Tanh).contains("are `swish`"));
         assert!(why(&table, &["a"], 3, Activation::Swish).contains("the input `b`, which is not among the features"));
         assert!(why(&model(2).1, &both, 3, Activation::Swish).contains("is the mean of several networks"));
-        let linear = Fitted { terms: named(&["x"]), values_nt: vec![1.0], sigmas_nt: vec![0.1] };
+        let (terms, one) = (named(&["x"]), vec![1.0]);
+        let linear = Fitted { terms, values_nt: one.clone(), sigmas_nt: one, rate_hz: None };
         assert_eq!(why(&linear, &both, 3, Activation::Swish), "the model is no network");
     }
 

@@ -11,7 +11,7 @@ use numerics::navigation::{
 use schemas::{Column, Fault, Rule};
 
 use super::aiding::{Aiding, both};
-use super::aircraft::{AircraftModel, one_with_models, step_s};
+use super::aircraft::{AircraftModel, one_with_models};
 use super::filter::{Flight, Flown, NavigationFilter, Track, filter, state_arrays, state_columns};
 use super::further::{Further, updates};
 use crate::a_matrix::runs_of;
@@ -26,7 +26,8 @@ filter! {
     /// far as the prior does. A constant among the terms (`bias`) takes what map and compensation leave undetermined,
     /// so that no `offset_window_s` is needed.
     ///
-    /// The prior is that of the calibrations under `model`, one or several tables of `fit`, or cold. A scalar
+    /// The prior is that of the calibrations under `model`, one or several tables of `fit`, converted to the rate of the line,
+    /// or cold. A scalar
     /// magnetometer among the terms is refused: the filter would subtract what it navigates by. `aircraft` is the field
     /// of the aircraft by the coefficients of the sample; of several magnetometers each has its own, `aircraft_<mag>`.
     /// `residual` is that of the first magnetometer used at a sample, `nis` the mean of those used.
@@ -107,7 +108,7 @@ impl NavigationFilter for EkfOnlineTl {
         one_with_models(flown)?;
         let line = NavigationLine { fixes: flown.fixes(), ..flown.line_with(self.discretisation)? };
         let terms = self.aircraft.terms(flown)?;
-        let prior = self.aircraft.prior(&terms.names, step_s(flown), flown.models)?;
+        let prior = self.aircraft.prior(&terms, flown.models)?;
         let walk_density: Vec<f64> =
             prior.sigma().iter().map(|sigma| (self.walk_per_hour * sigma).powi(2) / 3600.0).collect();
         let sigma_nt = flown.sigma_of_each_nt();

@@ -12,7 +12,7 @@ use numerics::{
 use schemas::{Column, Fault, Rule};
 
 use super::aiding::{Aiding, both};
-use super::aircraft::{AircraftModel, one_with_models, step_s};
+use super::aircraft::{AircraftModel, one_with_models};
 use super::ekf_online_tl::aircraft_columns;
 use super::filter::{Flight, Flown, NavigationFilter, Track, Update, filter};
 use super::further::Further;
@@ -104,7 +104,7 @@ impl NavigationFilter for FixedLag {
         one_with_models(flown)?;
         let line = NavigationLine { fixes: flown.fixes(), ..flown.line_with(self.discretisation)? };
         let terms = self.aircraft.terms(flown)?;
-        let prior = self.aircraft.prior(&terms.names, step_s(flown), flown.models)?;
+        let prior = self.aircraft.prior(&terms, flown.models)?;
         let walk_density: Vec<f64> =
             prior.sigma().iter().map(|sigma| (self.walk_per_hour * sigma).powi(2) / 3600.0).collect();
         let coefficients = Coefficients {

@@ -7,13 +7,13 @@ use numerics::{
     earth::geodesy::EarthModel,
     regression::statistics::{self, Summary},
 };
-use schemas::{Fault, LineIn};
+use schemas::{Correction, Fault, LineIn, Shape};
 
 use super::{
     Score,
     source::{Place, Places, Source},
 };
-use crate::columns::floats;
+use crate::{columns::floats, corrections::had};
 
 /// Computed when the first metric asks for it.
 pub type Lazy<T> = OnceCell<Result<T, Fault>>;
@@ -153,7 +153,7 @@ impl<'a> Line<'a> {
     /// # Errors
     /// As [`Line::column`] for the signal and the core field, and as [`Line::optional`] for the diurnal variation.
     pub fn measured_anomaly(&self) -> Result<Vec<f64>, Fault> {
-        self.anomaly_of(self.column(Source::Signal)?)
+        self.anomaly_of(Source::Signal)
     }
 
     /// The same of the truth. Where the core field is not known, its gradient is taken for the straight line of the truth.
@@ -162,17 +162,22 @@ impl<'a> Line<'a> {
     /// As [`Line::column`] for the truth; with a core field as [`Line::optional`] for it and the diurnal variation,
     /// without one as [`Line::tt`].
     pub fn true_anomaly(&self) -> Result<Vec<f64>, Fault> {
-        let truth = self.column(Source::Truth)?;
         match self.places.get(Source::Core) {
-            Some(_) => self.anomaly_of(truth),
-            None => Ok(statistics::less_straight_line(self.tt()?, truth)),
+            Some(_) => self.anomaly_of(Source::Truth),
+            None => Ok(statistics::less_straight_line(self.tt()?, self.column(Source::Truth)?)),
         }
     }
 
-    fn anomaly_of(&self, field: &[f64]) -> Result<Vec<f64>, Fault> {
+    /// A field less what of the core field and the diurnal variation was not removed before.
+    fn anomaly_of(&self, field: Source) -> Result<Vec<f64>, Fault> {
         let (core, diurnal) = (self.column(Source::Core)?, self.optional(Source::Diurnal)?);
-        let anomaly = |(i, (field, core)): (usize, (&f64, &f64))| field - core - diurnal.map_or(0.0, |d| d[i]);
-        Ok(field.iter().zip(core).enumerate().map(anomaly).collect())
+        let (place, values) = (self.place(field)?, self.column(field)?);
+        let shape = Shape::of(&self.line.inputs[place.table].schema());
+        let removed = place.columns.first().map(|name| had(&shape, name)).unwrap_or_default();
+        let core = Some(core).filter(|_| !removed.contains(&Correction::Core));
+        let diurnal = diurnal.filter(|_| !removed.contains(&Correction::Diurnal));
+        let at = |column: Option<&[f64]>, i: usize| column.map_or(0.0, |x| x[i]);
+        Ok(values.iter().enumerate().map(|(i, field)| field - at(core, i) - at(diurnal, i)).collect())
     }
 
     /// The measured anomaly minus the map.

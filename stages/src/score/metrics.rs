@@ -12,6 +12,7 @@ pub const SCORERS: &[&Scorer] = &[
     &signal::IMPROVEMENT_RATIO_BAND,
     &signal::SNR,
     &signal::ANOMALY_RETENTION,
+    &signal::ANOMALY_RETENTION_SE,
     &signal::FIGURE_OF_MERIT,
     &signal::FIGURE_OF_MERIT_CROSSINGS,
     &track::DRMS,

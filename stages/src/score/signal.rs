@@ -75,10 +75,19 @@ metric! {
 
 metric! {
     /// slope of the compensated signal, less core field and diurnal variation, over the true anomaly: 1 keeps the
-    /// geology whole
+    /// geology whole; n is the energy of the anomaly about its mean, nT^2, by which lines are weighted; null where a line
+    /// amounts to no more than two independent samples
     ANOMALY_RETENTION = "anomaly_retention", unit "1", pool Mean, better Near(1.0),
     shown Shown::column(60, 80), needs [Signal, Anomaly, Core], uses [Diurnal];
-    retention
+    |line| Ok(retention(line)?.0)
+}
+
+metric! {
+    /// standard error of `anomaly_retention`, for a residual and an anomaly that both change slowly; of several lines that
+    /// of their pooled slope; retentions within two of it are not distinguishable
+    ANOMALY_RETENTION_SE = "anomaly_retention_se", unit "1", pool Error, better Neither,
+    shown Shown::column(62, 78), needs [Signal, Anomaly, Core], uses [Diurnal];
+    |line| Ok(retention(line)?.1)
 }
 
 metric! {
@@ -109,15 +118,21 @@ fn improvement_ratio_band(line: &Line) -> Result<Figure, Fault> {
     Ok(statistics::improvement_ratio(&banded(before_nt)?, &banded(after_nt)?))
 }
 
-fn retention(line: &Line) -> Result<Figure, Fault> {
+/// The retention and its standard error, weighted by the energy of the anomaly.
+fn retention(line: &Line) -> Result<(Figure, Figure), Fault> {
     let anomaly = line.column(Source::Anomaly)?;
     // Less core field and diurnal variation the true reading is the anomaly itself.
-    match anomaly_retention(&line.measured_anomaly()?, anomaly, anomaly) {
-        Ok(found) => Ok(Figure { value: found.slope, n: found.n }),
-        Err(RetentionError::TooFew { n }) => Ok(Figure { value: f64::NAN, n }),
-        Err(RetentionError::NoAnomaly { .. }) => Ok(Figure { value: f64::NAN, n: 0 }),
-        Err(other) => Err(data(other)),
-    }
+    let found = match anomaly_retention(&line.measured_anomaly()?, anomaly, anomaly) {
+        Ok(found) if found.standard_error.is_finite() => found,
+        Ok(_) | Err(RetentionError::TooFew { .. } | RetentionError::NoAnomaly { .. }) => {
+            let none = || Figure { value: f64::NAN, n: 0 };
+            return Ok((none(), none()));
+        }
+        Err(other) => return Err(data(other)),
+    };
+    let energy_nt2 = (found.n as f64 * found.anomaly_nt * found.anomaly_nt).round().max(1.0) as usize;
+    let figure = |value: f64| Figure { value, n: energy_nt2 };
+    Ok((figure(found.slope), figure(found.standard_error)))
 }
 
 fn of_manoeuvres(line: &Line) -> Result<Figure, Fault> {

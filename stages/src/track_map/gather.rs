@@ -2,7 +2,7 @@
 
 use arrow_array::RecordBatch;
 use numerics::earth::core_field::CoreField;
-use schemas::{Fault, Gather, LineIn, Product, Work};
+use schemas::{Fault, Gather, LineIn, Product, Shape, Work};
 
 use super::{DIURNAL, PLACE, SPREAD, TrackMap};
 use crate::{
@@ -85,7 +85,7 @@ impl TrackMap {
         let [lat, lon, alt] = columns(track.unwrap_or(batch), PLACE)?;
         let spread = track.map(|track| columns(track, SPREAD)).transpose()?;
         let mag = floats(batch, &self.mag)?;
-        let diurnal = match self.removes_diurnal(batch.column_by_name(DIURNAL).is_some()) {
+        let diurnal = match self.removes_diurnal(&Shape::of(&batch.schema())) {
             true => Some(floats(batch, DIURNAL)?),
             false => None,
         };

@@ -53,6 +53,8 @@ pub const WHITENESS: f64 = 0.8;
 
 /// The least part of the geology that compensation should leave.
 pub const RETENTION: f64 = 0.9;
+/// Standard errors that a retention must be below its limit.
+pub const RETENTION_ERRORS: f64 = 2.0;
 
 /// The share of a line's samples that may be off the map.
 pub const OFF_MAP: f64 = 0.5;

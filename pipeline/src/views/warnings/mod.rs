@@ -278,8 +278,14 @@ fn judge(facts: &Facts) -> Vec<Found> {
         let what = "the map is at another height than the flight and is not continued to it: an error of";
         add(Kind::MapHeight, (error_nt, limit, "nT"), format!("{what} {} nT rms is to be expected", shown(error_nt)));
     }
-    if let Some(kept) = row.get("anomaly_retention").filter(|kept| *kept < limits::RETENTION) {
-        let text = format!("the compensation takes geology with the aircraft's field: {} of it is left", shown(kept));
+    if let (Some(kept), Some(error)) = (row.get("anomaly_retention"), row.get("anomaly_retention_se"))
+        && kept + limits::RETENTION_ERRORS * error < limits::RETENTION
+    {
+        let text = format!(
+            "compensation removed part of the anomaly: {} of it remains, standard error {}",
+            shown(kept),
+            shown(error)
+        );
         add(Kind::Retention, (kept, limits::RETENTION, "1"), text);
     }
     found

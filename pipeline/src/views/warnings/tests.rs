@@ -70,8 +70,10 @@ fn r30_rejected_positions_are_said_with_their_time() {
 
 #[test]
 fn unit_geology_that_goes_with_the_aircraft_is_remarked_with_and_without_navigation() {
-    for (kept, remarked) in [(1.02, false), (0.9, false), (0.89, true), (-0.3, true)] {
-        let row = Row::from([("anomaly_retention", kept)]);
+    let cases = [(1.02, 0.01), (0.9, 0.0), (0.89, 0.01), (0.3, 0.35), (0.89, 0.004), (-0.3, 0.2)];
+    for (kept, error) in cases {
+        let remarked = kept + 2.0 * error < 0.9;
+        let row = Row::from([("anomaly_retention", kept), ("anomaly_retention_se", error)]);
         for settings in [None, Some(given(5.0))] {
             let found = judge(&Facts { row: &row, settings });
             assert_eq!(kinds(&found), if remarked { vec!["retention"] } else { vec![] }, "{kept}");

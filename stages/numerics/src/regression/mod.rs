@@ -6,6 +6,7 @@
 //! | Module | Contents |
 //! |:--|:--|
 //! | [`least_squares`] | least squares and ridge for many targets and ridge parameters; lines left out in turn |
+//! | [`cross_spectra`] | errors of coefficients whose residual is correlated, as behind a filter |
 //! | [`choose_lambda`] | the ridge parameter by generalised cross-validation, the L-curve, or lines left out |
 //! | [`truncated_svd`] | regression on the principal components of the terms |
 //! | [`elastic_net`] | a penalty on the size and on the number of coefficients |
@@ -69,6 +70,7 @@
 pub mod bootstrap;
 pub mod choose_lambda;
 pub mod consistency;
+pub mod cross_spectra;
 pub mod elastic_net;
 pub mod l_curve;
 pub mod least_squares;

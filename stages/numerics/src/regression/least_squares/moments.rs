@@ -250,6 +250,23 @@ impl Moments {
         })
     }
 
+    /// The moments of the same rows with each term multiplied by its factor, above 0.
+    ///
+    /// # Errors
+    /// Fails with [`LeastSquaresError::Shape`] when the factors are not as many as the terms.
+    pub fn scaled(&self, factors: &[f64]) -> Result<Self, LeastSquaresError> {
+        expect("the list of factors", factors.len(), self.terms)?;
+        let all: Vec<f64> =
+            std::iter::once(1.0).chain(factors.iter().copied()).chain(std::iter::repeat_n(1.0, self.targets)).collect();
+        let each = |values: &[f64]| values.iter().zip(factors).map(|(x, factor)| x * factor).collect();
+        Ok(Self {
+            upper: self.upper.iter().zip(all.iter().cycle()).map(|(x, factor)| x * factor).collect(),
+            least: each(&self.least),
+            greatest: each(&self.greatest),
+            ..self.clone()
+        })
+    }
+
     /// The number of rows folded in.
     pub fn rows(&self) -> usize {
         self.rows

@@ -78,19 +78,36 @@ pub struct RidgePath {
 
 impl RidgePath {
     /// The covariance of a solution's coefficients for one target, row-major, one row per term:
-    /// σ² V diag(s²/(s² + λ)²) Vᵀ with σ² the residual variance. It is the sampling covariance and
-    /// excludes the bias of the ridge. `None` if there is no such solution or target.
+    /// σ² V diag(s²/(s² + λ)²) Vᵀ with σ² the residual variance. It is the sampling covariance for independent residuals and
+    /// excludes the bias of the ridge; see [`cross_spectra`](crate::regression::cross_spectra) for others. `None` if there is no such solution or target.
     pub fn covariance(&self, solution: usize, target: usize) -> Option<Vec<f64>> {
         let solution = self.solutions.get(solution)?;
         let variance = *solution.residual_variances.get(target)?;
-        let p = self.terms.len();
         let weights: Vec<f64> =
             self.singular_values.iter().map(|s| variance * shrink(*s, solution.lambda).powi(2)).collect();
+        Some(self.of_directions(&weights))
+    }
+
+    /// The matrix G of a solution b = G Aᵀ y, row-major: V diag(1/(s² + λ)) Vᵀ, in the units of the columns. `None` if there is no
+    /// such solution.
+    pub fn gain(&self, solution: usize) -> Option<Vec<f64>> {
+        let lambda = self.solutions.get(solution)?.lambda;
+        let weights: Vec<f64> = self
+            .singular_values
+            .iter()
+            .map(|s| if s * s + lambda == 0.0 { 0.0 } else { 1.0 / (s * s + lambda) })
+            .collect();
+        Some(self.of_directions(&weights))
+    }
+
+    /// V diag(`weights`) Vᵀ in the units of the columns, row-major.
+    fn of_directions(&self, weights: &[f64]) -> Vec<f64> {
+        let p = self.terms.len();
         let entry = |i: usize, j: usize| {
             let (one, other) = (&self.right[i * p..], &self.right[j * p..]);
             (0..p).map(|k| one[k] * weights[k] * other[k]).sum::<f64>() / (self.scales[i] * self.scales[j])
         };
-        Some((0..p * p).map(|ij| entry(ij / p, ij % p)).collect())
+        (0..p * p).map(|ij| entry(ij / p, ij % p)).collect()
     }
 
     /// Converts coefficients of columns divided by `scales` to those of the columns.

@@ -1,0 +1,59 @@
+//! The terms of an expression as a sum.
+
+use datafusion::{
+    common::ScalarValue,
+    logical_expr::{BinaryExpr, Expr, Operator},
+};
+
+/// The columns whose values `expr` holds: with 1 where one is added, -1 where it is subtracted, 0 where it is used in another
+/// way. What only decides in a `case` is no value. The expression is not nested deep.
+pub fn of(expr: &Expr) -> Vec<(i8, String)> {
+    let mut terms = vec![];
+    gather(expr, 1, &mut terms);
+    terms
+}
+
+fn gather(expr: &Expr, sign: i8, terms: &mut Vec<(i8, String)>) {
+    match expr {
+        Expr::Column(column) => terms.push((sign, column.name.clone())),
+        Expr::Alias(alias) => gather(&alias.expr, sign, terms),
+        Expr::Cast(cast) => gather(&cast.expr, sign, terms),
+        Expr::TryCast(cast) => gather(&cast.expr, sign, terms),
+        Expr::Negative(inner) => gather(inner, -sign, terms),
+        Expr::BinaryExpr(BinaryExpr { left, op, right }) => {
+            let (left_sign, right_sign) = match (op, number(left), number(right)) {
+                (Operator::Plus, ..) => (sign, sign),
+                (Operator::Minus, ..) => (sign, -sign),
+                (Operator::Multiply, Some(factor), _) => (0, signed(sign, factor)),
+                (Operator::Multiply | Operator::Divide, _, Some(factor)) => (signed(sign, factor), 0),
+                _ => (0, 0),
+            };
+            gather(left, left_sign, terms);
+            gather(right, right_sign, terms);
+        }
+        Expr::Case(case) => {
+            let values = case.when_then_expr.iter().map(|(_, then)| then).chain(&case.else_expr);
+            values.for_each(|value| gather(value, sign, terms));
+        }
+        Expr::ScalarFunction(function) => {
+            // These give back one of their values, all others something else.
+            let keeps = matches!(function.name(), "coalesce" | "nvl" | "greatest" | "least" | "nullif");
+            function.args.iter().for_each(|value| gather(value, if keeps { sign } else { 0 }, terms));
+        }
+        other => terms.extend(other.column_refs().into_iter().map(|column| (0, column.name.clone()))),
+    }
+}
+
+fn signed(sign: i8, factor: f64) -> i8 {
+    if factor < 0.0 { -sign } else { sign }
+}
+
+/// The number that an expression is.
+fn number(expr: &Expr) -> Option<f64> {
+    match expr {
+        Expr::Literal(ScalarValue::Float64(Some(x)), _) => Some(*x),
+        Expr::Literal(ScalarValue::Int64(Some(x)), _) => Some(*x as f64),
+        Expr::Negative(inner) => number(inner).map(|x| -x),
+        _ => None,
+    }
+}

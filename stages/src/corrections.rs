@@ -1,0 +1,156 @@
+//! Corrections of magnetic readings: which a reading has had, and that none is made twice.
+
+use expressions::Expression;
+use schemas::{Column, Correction, Fault, Removed, Shape, flight};
+
+/// The corrections that the reading `name` has had; none of a column that is not there.
+pub fn had(shape: &Shape, name: &str) -> Removed {
+    shape.get(name).map(|column| column.removed.clone()).unwrap_or_default()
+}
+
+/// Whether every one of the readings has had a correction; `None` where some have and others have not.
+fn all_had(shape: &Shape, readings: &[String], correction: Correction) -> Option<bool> {
+    let mut each = readings.iter().map(|name| had(shape, name).contains(&correction));
+    let first = each.next().unwrap_or(false);
+    each.all(|other| other == first).then_some(first)
+}
+
+/// Whether a stage makes a correction of its readings: as `given`, else by `default` unless they have had it.
+pub fn corrects(
+    shape: &Shape,
+    readings: &[String],
+    correction: Correction,
+    given: Option<bool>,
+    default: bool,
+) -> bool {
+    given.unwrap_or(default && all_had(shape, readings, correction) == Some(false))
+}
+
+/// The key of a correction, and how to switch the correction off.
+pub type Key = (&'static str, &'static str);
+/// The key `remove_core` of a correction.
+pub const REMOVE_CORE: Key = ("remove_core", "say `remove_core = false`");
+/// The key `remove_diurnal` of a correction.
+pub const REMOVE_DIURNAL: Key = ("remove_diurnal", "say `remove_diurnal = false`");
+
+/// The key `core_field` of what predicts or removes it.
+pub const CORE_FIELD: Key = ("core_field", "say `core_field = false`");
+
+/// The fault of a correction of readings that its key asks for, and that they have had before.
+pub fn twice(
+    shape: &Shape,
+    readings: &[String],
+    correction: Correction,
+    given: Option<bool>,
+    (param, off): Key,
+) -> Option<Fault> {
+    let names = || readings.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ");
+    let what = match (all_had(shape, readings, correction), given) {
+        (Some(true), Some(true)) => {
+            format!("{correction} was removed from {} before, and `{param}` removes it again", names())
+        }
+        (None, Some(true) | None) => format!("{correction} was removed from some of {} before, not from all", names()),
+        (Some(_) | None, _) => return None,
+    };
+    let help = format!("{off}, or name the reading before that correction");
+    Some(Fault::new(what).help(help).of_param(param))
+}
+
+/// The note on a correction that is made by default and is not made again.
+pub fn note(shape: &Shape, readings: &[String], correction: Correction, given: Option<bool>) -> Option<String> {
+    let skipped = given.is_none() && all_had(shape, readings, correction) == Some(true);
+    let names = || readings.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ");
+    skipped.then(|| format!("{correction} was removed from {} before, and is not removed again", names()))
+}
+
+/// The corrections of what an expression makes of readings: those of its terms, and what it subtracts itself.
+///
+/// The difference of two readings at the same time holds neither core field nor diurnal variation.
+pub fn of_expression(expression: &Expression, shape: &Shape) -> Removed {
+    let mut removed = Removed::new();
+    let reading = |name: &str| {
+        let known = flight::is_scalar_reading(name) || flight::is_compensated(name) || name == "mag_c";
+        known || !had(shape, name).is_empty()
+    };
+    let added: Vec<&str> =
+        expression.terms.iter().filter(|(sign, _)| *sign >= 0).map(|(_, name)| name.as_str()).collect();
+    added.iter().for_each(|name| removed.extend(had(shape, name)));
+    for (sign, name) in &expression.terms {
+        match (shape.get(name).and_then(|column| column.correction), *sign) {
+            (Some(correction), -1) => {
+                removed.insert(correction);
+            }
+            (Some(correction), 1) if added.iter().any(|other| reading(other)) => {
+                removed.remove(&correction);
+            }
+            (None, -1) if reading(name) && added.iter().any(|other| reading(other)) => {
+                removed.extend([Correction::Core, Correction::Diurnal]);
+            }
+            _ => {}
+        }
+    }
+    removed
+}
+
+/// The same column with the corrections of the reading that it was made from.
+pub fn like(column: Column, shape: &Shape, reading: &str) -> Column {
+    column.without(had(shape, reading))
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    fn shape() -> Shape {
+        let names = ["mag_4_uc", "mag_5_uc", "mag_1_igrf", "igrf", "diurnal", "cur_1"];
+        let column = |name: &str| {
+            let removed = schemas::describe_field(&Column::float(name, "nT", "").field()).removed;
+            Column::float(name, "nT", "").without(removed)
+        };
+        let target = Column::float("target", "nT", "").without([Correction::Diurnal].into());
+        Shape { columns: names.map(column).into_iter().chain([target]).collect(), rate_hz: None }
+    }
+
+    #[test]
+    fn law_an_expression_has_the_corrections_of_its_terms_and_its_own() {
+        let of = |sql: &str| {
+            let expression = Expression::new(sql, &shape(), "`x`").unwrap();
+            of_expression(&expression, &shape()).iter().map(|c| c.word()).collect::<Vec<_>>().join(",")
+        };
+        for (sql, expected) in [
+            ("mag_4_uc", ""),
+            ("mag_4_uc + 10.0", ""),
+            ("mag_4_uc - diurnal", "diurnal"),
+            ("mag_4_uc - (igrf + diurnal)", "core,diurnal"),
+            ("-(diurnal - mag_4_uc)", "diurnal"),
+            ("mag_4_uc - 1.0 * diurnal", "diurnal"),
+            ("coalesce(target, mag_4_uc)", "diurnal"),
+            ("target + diurnal", ""),
+            ("mag_1_igrf + igrf", "diurnal,lag"),
+            ("mag_4_uc - mag_5_uc", "core,diurnal"),
+            ("case when cur_1 > 0 then target else NULL end", "diurnal"),
+            ("igrf + diurnal", ""),
+        ] {
+            assert_eq!(of(sql), expected, "{sql}");
+        }
+    }
+
+    #[test]
+    fn law_a_correction_is_made_once() {
+        let (plain, had) = (["mag_4_uc".to_owned()], ["target".to_owned()]);
+        let mixed = [plain.clone(), had.clone()].concat();
+        let diurnal = |readings: &[String], given| {
+            let makes = corrects(&shape(), readings, Correction::Diurnal, given, true);
+            let fault = twice(&shape(), readings, Correction::Diurnal, given, REMOVE_DIURNAL);
+            (makes, fault.is_some(), note(&shape(), readings, Correction::Diurnal, given).is_some())
+        };
+        assert_eq!(diurnal(&plain, None), (true, false, false));
+        assert_eq!(diurnal(&plain, Some(true)), (true, false, false));
+        assert_eq!(diurnal(&had, None), (false, false, true));
+        assert_eq!(diurnal(&had, Some(false)), (false, false, false));
+        assert!(diurnal(&had, Some(true)).1, "asked for outright it is an error");
+        assert!(diurnal(&mixed, None).1 && diurnal(&mixed, Some(true)).1);
+        assert!(!diurnal(&mixed, Some(false)).1);
+    }
+}
