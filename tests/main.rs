@@ -40,6 +40,7 @@ mod readers;
 mod reuse;
 mod rivals;
 mod schedule;
+mod scores;
 mod search;
 #[cfg(feature = "serve")]
 mod serve;
