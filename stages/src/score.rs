@@ -57,7 +57,8 @@ stage! {
     ///
     /// The published table also has `in_sample`: true where a model, noise or map behind the score was made from this
     /// line, or a search chose by it. Such a score is an error of the fit, not of a prediction, and is never the best of
-    /// a sweep. Models that are read from files count as made from other lines. The table `scores_pooled` of the pipeline
+    /// a sweep. Noise that `navigate` finds on the line that it navigates uses no truth and does not count. Models that are
+    /// read from files count as made from other lines. The table `scores_pooled` of the pipeline
     /// has one row for each point and metric: `value` over the lines that are not in sample (over all where every line
     /// is), and `value_in_sample` over the others. `spread` has the quantiles of the samples behind a radius, by which
     /// lines are pooled.
