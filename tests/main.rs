@@ -45,6 +45,7 @@ mod readers;
 mod reuse;
 mod rivals;
 mod schedule;
+mod scores;
 mod search;
 #[cfg(feature = "object-stores")]
 mod secrets;

@@ -56,8 +56,8 @@ pub struct Spec {
     pub trials: Vec<Row>,
     /// The stages.
     pub stages: Vec<StageDecl>,
-    /// What a data set published from it says of itself.
-    pub publish: Option<PublishFacts>,
+    /// The facts of a data set published from it, or what is wrong with them. Faults matter to `magline publish` only.
+    pub publish: Option<Result<PublishFacts, Vec<Fault>>>,
     /// Whether the bytes of every input are read, however much it looks like the one that was read last; not part of
     /// the file.
     pub verify_inputs: bool,
@@ -310,14 +310,13 @@ impl Reading {
     }
 
     /// The table `publish`.
-    fn publish(&mut self, root: &DeTable) -> Option<PublishFacts> {
+    fn publish(&mut self, root: &DeTable) -> Option<Result<PublishFacts, Vec<Fault>>> {
         let value = root.get("publish")?;
         let Some(table) = value.get_ref().as_table() else {
             self.faults.push(Fault::new("`publish` must be a table: `[publish]`").at(value.span()));
             return None;
         };
-        let read = Section::of(table, value.span()).and_then(|section| publish::read_facts(&section));
-        read.map_err(|faults| self.faults.extend(faults)).ok()
+        Some(Section::of(table, value.span()).and_then(|section| publish::read_facts(&section)))
     }
 
     fn seed(&mut self, root: &DeTable) -> u64 {

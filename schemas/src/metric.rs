@@ -23,26 +23,75 @@ pub struct Metric {
 /// How the values of several lines become one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Pool {
-    /// As a root mean square weighted by samples: errors.
+    /// Root mean square weighted by samples: errors.
     Rms,
-    /// As a mean weighted by samples: ratios.
+    /// Mean weighted by samples: ratios, rates and signed means.
     Mean,
-    /// As a sum: numbers of samples.
+    /// Sum: numbers of samples.
     Sum,
-    /// As the standard error of the mean of independent figures, weighted as that mean.
+    /// Standard error of the mean of independent figures, weighted as that mean.
     Error,
+    /// Quantile, in percent, of the samples of all lines together: radii.
+    Quantile(u8),
+}
+
+/// The score of one line.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Weighed<'a> {
+    /// The value, in the metric's unit.
+    pub value: f64,
+    /// The weight: samples or pairs behind the value.
+    pub n: f64,
+    /// For [`Pool::Quantile`]: values that stand for the samples, sorted, each for the same share of them; see
+    /// [`spread`]. Empty for other rules.
+    pub spread: &'a [f64],
+}
+
+impl From<(f64, f64)> for Weighed<'_> {
+    /// A value and its weight, without a spread.
+    fn from((value, n): (f64, f64)) -> Self {
+        Self { value, n, spread: &[] }
+    }
+}
+
+/// The most values of a [`spread`].
+pub const SPREAD: usize = 100;
+
+/// The least number of samples that each value of a [`spread`] stands for, so that it shows no single sample.
+pub const SHARE: usize = 10;
+
+/// Quantiles that represent sorted samples: the middles of equal shares of them, at most [`SPREAD`], each of at least
+/// [`SHARE`] samples; the median of fewer than 20 samples.
+pub fn spread(sorted: &[f64]) -> Vec<f64> {
+    let Some(last) = sorted.len().checked_sub(1) else { return vec![] };
+    let shares = (sorted.len() / SHARE).clamp(1, SPREAD);
+    let middle = |share: usize| {
+        // The rank of the share's middle; the first sample, at rank 0, stands for -0.5 to 0.5.
+        let at = (share as f64 + 0.5) / shares as f64 * sorted.len() as f64 - 0.5;
+        between(at, |i| sorted[i.min(last)])
+    };
+    (0..shares).map(middle).collect()
+}
+
+/// Linear interpolation between the values at the whole numbers around `at`.
+fn between(at: f64, value: impl Fn(usize) -> f64) -> f64 {
+    let below = value(at.floor() as usize);
+    below + (at - at.floor()) * (value(at.ceil() as usize) - below)
 }
 
 impl Pool {
-    /// The value of all, of pairs of value and weight (a sum has no weights); NaN of no weight.
-    pub fn value(self, figures: impl Iterator<Item = (f64, f64)>) -> f64 {
+    /// The value of all lines together; NaN without lines, and for quantiles where a line has no spread.
+    pub fn value<'a>(self, lines: impl Iterator<Item = Weighed<'a>>) -> f64 {
+        if let Self::Quantile(percent) = self {
+            return quantile_of_all(f64::from(percent) / 100.0, &lines.collect::<Vec<_>>());
+        }
         let (mut sum, mut weight) = (0.0, 0.0);
-        for (value, n) in figures {
+        for Weighed { value, n, .. } in lines {
             weight += n;
             sum += match self {
                 Self::Rms => n * value * value,
                 Self::Mean => n * value,
-                Self::Sum => value,
+                Self::Sum | Self::Quantile(_) => value,
                 Self::Error => (n * value).powi(2),
             };
         }
@@ -50,20 +99,57 @@ impl Pool {
             _ if weight == 0.0 => f64::NAN,
             Self::Rms => (sum / weight).sqrt(),
             Self::Mean => sum / weight,
-            Self::Sum => sum,
+            Self::Sum | Self::Quantile(_) => sum,
             Self::Error => sum.sqrt() / weight,
         }
     }
 
-    /// The word for it.
-    pub fn words(self) -> &'static str {
+    /// The rule in words.
+    pub fn words(self) -> String {
         match self {
-            Self::Rms => "root mean square",
-            Self::Mean => "mean",
-            Self::Sum => "sum",
-            Self::Error => "standard error of the mean",
+            Self::Rms => "root mean square".to_owned(),
+            Self::Mean => "mean".to_owned(),
+            Self::Sum => "sum".to_owned(),
+            Self::Quantile(50) => "median of all samples".to_owned(),
+            Self::Quantile(percent) => format!("{percent} % quantile of all samples"),
+            Self::Error => "standard error of the mean".to_owned(),
         }
     }
+}
+
+/// The quantile at `part` of the samples of several lines, from their spreads: linear between order statistics, as
+/// numpy's default.
+fn quantile_of_all(part: f64, lines: &[Weighed]) -> f64 {
+    let lines: Vec<&Weighed> = lines.iter().filter(|line| line.n > 0.0).collect();
+    if let [one] = lines.as_slice() {
+        return one.value;
+    }
+    if lines.iter().any(|line| line.spread.is_empty()) {
+        return f64::NAN;
+    }
+    // Each value with the number of samples that it stands for.
+    let weighed = |line: &&Weighed| {
+        let weight = line.n / line.spread.len() as f64;
+        line.spread.iter().map(move |x| (*x, weight)).collect::<Vec<_>>()
+    };
+    let mut all: Vec<(f64, f64)> = lines.iter().flat_map(weighed).collect();
+    all.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let total: f64 = all.iter().map(|(_, weight)| weight).sum();
+    let wanted = part * (total - 1.0);
+    let (mut below, mut before): (f64, Option<(f64, f64)>) = (0.0, None);
+    for (value, weight) in all {
+        // The rank of the middle sample of those that the value stands for.
+        let rank = below + (weight - 1.0) / 2.0;
+        if rank >= wanted {
+            return match before {
+                Some((last, at)) if rank > at => last + (wanted - at) / (rank - at) * (value - last),
+                _ => value,
+            };
+        }
+        below += weight;
+        before = Some((value, rank));
+    }
+    before.map_or(f64::NAN, |(value, _)| value)
 }
 
 /// Which values of a metric are good.
@@ -142,12 +228,47 @@ mod tests {
 
     #[test]
     fn unit_errors_pool_by_squares_ratios_by_means_and_numbers_add_up() {
-        let lines = || [(3.0, 100.0), (4.0, 300.0)].into_iter();
+        let lines = || [(3.0, 100.0), (4.0, 300.0)].into_iter().map(Weighed::from);
         assert_eq!(Pool::Rms.value(lines()), ((9.0 * 100.0 + 16.0 * 300.0) / 400.0f64).sqrt());
         assert_eq!((Pool::Mean.value(lines()), Pool::Sum.value(lines())), (3.75, 7.0));
         // Equal errors of equal weights fall with the root of their number.
-        assert_eq!(Pool::Error.value([(0.4, 9.0); 4].into_iter()), 0.2);
-        assert!([Pool::Rms, Pool::Mean, Pool::Sum].iter().all(|p| p.value(std::iter::empty()).is_nan()));
+        assert_eq!(Pool::Error.value([(0.4, 9.0); 4].into_iter().map(Weighed::from)), 0.2);
+        let all = [Pool::Rms, Pool::Mean, Pool::Sum, Pool::Quantile(50)];
+        assert!(all.iter().all(|p| p.value(std::iter::empty()).is_nan()));
+    }
+
+    /// The quantile of sorted samples, linear between order statistics.
+    fn quantile(sorted: &[f64], part: f64) -> f64 {
+        between(part * (sorted.len() - 1) as f64, |i| sorted[i])
+    }
+
+    #[test]
+    fn law_a_radius_of_several_lines_is_that_of_all_their_samples() {
+        let line = |from: usize, n: usize, far: f64| (from..from + n).map(|i| far * i as f64).collect::<Vec<f64>>();
+        // A rank is known to a tenth of a share: a hundredth of a long line, a tenth of one of a hundred samples.
+        for (lines, tolerance) in [
+            (vec![line(0, 100, 1.0), line(3, 900, 0.3)], 1e-2),
+            (vec![line(0, 5000, 0.01), line(1000, 300, 0.4), line(0, 1000, 0.2)], 2e-3),
+        ] {
+            let spreads: Vec<Vec<f64>> = lines.iter().map(|samples| spread(samples)).collect();
+            let mut all: Vec<f64> = lines.concat();
+            all.sort_by(f64::total_cmp);
+            for percent in [50, 95] {
+                let part = f64::from(percent) / 100.0;
+                let scored = lines.iter().zip(&spreads).map(|(samples, spread)| Weighed {
+                    value: quantile(samples, part),
+                    n: samples.len() as f64,
+                    spread,
+                });
+                let (pooled, exact) = (Pool::Quantile(percent).value(scored), quantile(&all, part));
+                assert!((pooled / exact - 1.0).abs() < tolerance, "{percent}: {pooled} {exact}");
+            }
+        }
+        assert_eq!(Pool::Quantile(50).value(std::iter::once((3.0, 7.0).into())), 3.0);
+        // A value shows no single sample.
+        assert_eq!((spread(&[1.0, 2.0, 9.0]), spread(&[]).len(), spread(&line(0, 57, 1.0)).len()), (vec![2.0], 0, 5));
+        let unknown = [(3.0, 7.0), (4.0, 7.0)].into_iter().map(Weighed::from);
+        assert!(Pool::Quantile(50).value(unknown).is_nan(), "no spread, no quantile");
     }
 
     #[test]

@@ -43,8 +43,8 @@ pub use filter::{
     Filter, Flight, Flown, Magnetometer, NavigationFilter, Point, Track, Update, filter, navigate_points,
 };
 pub use filters::FILTERS;
-pub(crate) use further::MAP_SLOPE;
 pub use geometry::{DeadZones, SensorGeometry};
+pub(crate) use {crlb::DRMS_BOUND, further::MAP_SLOPE};
 
 use crate::{
     columns::{array, faults_of, floats, shape},

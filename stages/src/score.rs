@@ -14,17 +14,25 @@ mod track;
 
 use std::sync::Arc;
 
-use arrow_array::{ArrayRef, Float64Array, Int64Array, RecordBatch, StringArray};
+use arrow_array::{
+    Array, ArrayRef, Float64Array, Int64Array, ListArray, RecordBatch, StringArray,
+    builder::{Float64Builder, ListBuilder},
+    cast::AsArray,
+    types::Float64Type,
+};
+use arrow_schema::{DataType, Field};
 pub use numerics::regression::statistics::Figure;
 use schemas::{
-    Arrays, Column, Entry, Fault, LineIn, LineStage, Lists, Passes, Role, Rule, Several, Shape, Stage, Table, Yield,
-    metric::Metric, stage,
+    Arrays, Column, ColumnType, Entry, Fault, LineIn, LineStage, Lists, Passes, Role, Rule, Several, Shape, Stage,
+    Table, Yield,
+    metric::{Metric, spread},
+    stage,
 };
 
 pub use self::{
     line::{Line, Offsets, Signals},
     map::MAP_STD_ERROR,
-    metric::{Scorer, metric},
+    metric::{Scorer, Spread, metric},
     metrics::SCORERS,
     signal::STD_ERROR,
     source::Source,
@@ -35,13 +43,28 @@ use self::{
 };
 use crate::columns::{faults_of, floats, shape};
 
+/// The column with the reason of a value that is missing.
+pub const NOTE: &str = "note";
+/// The column with the quantiles of the samples, by which lines are pooled.
+pub const SPREAD: &str = "spread";
+
 stage! {
     /// Scores each line: a compensated signal against the truth, a track against the true positions.
     ///
     /// `input` names one or several tables with the same samples: that with the compensated signal, that of the track.
     /// Left out, `metrics` is all that these tables allow. Every metric is a row of `metric`, `value`, `unit` and `n`, the
     /// number of samples (for crossings: pairs) behind it. Rows where a value is NaN are left out of a metric and of its
-    /// `n`; a metric with no sample left has a null value.
+    /// `n`; a metric with no sample left has a null value. A metric that cannot be computed for a line, such as one whose
+    /// upper corner is above half its sample rate, has a null value and the reason in `note`; the others are kept. The run
+    /// warns of it, and fails where `metrics` names it.
+    ///
+    /// The published table also has `in_sample`: true where a model, noise or map behind the score was made from this
+    /// line, or a search chose by it. Such a score is an error of the fit, not of a prediction, and is never the best of
+    /// a sweep. Noise that `navigate` finds on the line that it navigates uses no truth and does not count. Models that are
+    /// read from files count as made from other lines. The table `scores_pooled` of the pipeline
+    /// has one row for each point and metric: `value` over the lines that are not in sample (over all where every line
+    /// is), and `value_in_sample` over the others. `spread` has the quantiles of the samples behind a radius, by which
+    /// lines are pooled.
     ///
     /// With `truth` the errors are against it; without, `std_uncompensated` and the ratios are those of the signals
     /// themselves, geology and all.
@@ -148,6 +171,8 @@ impl Stage for Score {
             return Err(faults);
         }
         let reads = self.reads(&places, inputs.len());
+        let spread =
+            "quantiles of the samples behind a radius, each for the same share of them; null for other metrics";
         let columns = vec![
             Column::text("flight", "flight identifier").role(Role::Key),
             Column::text("line", "line identifier").role(Role::Key),
@@ -155,6 +180,8 @@ impl Stage for Score {
             Column::float("value", "", "the score; null where no sample was left for it"),
             Column::text("unit", "the unit of the value"),
             Column::integer("n", "", "samples or pairs behind it"),
+            Column::text(NOTE, "why there is no value; null where there is one"),
+            Column { column_type: ColumnType::Other(spread_type()), ..Column::float(SPREAD, "", spread) },
         ];
         let columns = columns.into_iter().map(|c| reads.iter().enumerate().fold(c, |c, (i, names)| c.from(i, names)));
         Ok(Yield {
@@ -181,21 +208,59 @@ impl LineStage for Score {
         let shapes: Vec<Shape> = line.inputs.iter().map(|batch| Shape::of(&batch.schema())).collect();
         let places = Places::find(self, &shapes.iter().collect::<Vec<_>>());
         let columns = Line::new(self, line, &places);
-        let mut rows: Vec<(&Metric, Figure)> = vec![];
-        for scorer in self.chosen(&places) {
-            rows.push((&scorer.metric, (scorer.score)(&columns)?));
-        }
+        let rows: Vec<Row> = self.chosen(&places).into_iter().map(|scorer| Row::new(scorer, &columns)).collect();
         let same = |text: &str| -> ArrayRef { Arc::new(StringArray::from(vec![text; rows.len()])) };
-        let value = |f: &Figure| Some(f.value).filter(|v| v.is_finite());
+        let value = |row: &Row| Some(row.figure.value).filter(|v| v.is_finite());
+        let mut spreads = ListBuilder::new(Float64Builder::new());
+        for row in &rows {
+            spreads.append_option(row.spread.as_ref().map(|values| values.iter().copied().map(Some)));
+        }
         Ok(vec![
             same(&line.flight),
             same(&line.line),
-            Arc::new(rows.iter().map(|(m, _)| Some(m.name)).collect::<StringArray>()),
-            Arc::new(rows.iter().map(|(_, f)| value(f)).collect::<Float64Array>()),
-            Arc::new(rows.iter().map(|(m, _)| Some(m.unit)).collect::<StringArray>()),
-            Arc::new(rows.iter().map(|(_, f)| Some(f.n as i64)).collect::<Int64Array>()),
+            Arc::new(rows.iter().map(|r| Some(r.metric.name)).collect::<StringArray>()),
+            Arc::new(rows.iter().map(value).collect::<Float64Array>()),
+            Arc::new(rows.iter().map(|r| Some(r.metric.unit)).collect::<StringArray>()),
+            Arc::new(rows.iter().map(|r| Some(r.figure.n as i64)).collect::<Int64Array>()),
+            Arc::new(rows.iter().map(|r| r.note.clone()).collect::<StringArray>()),
+            Arc::new(spreads.finish()),
         ])
     }
+}
+
+/// One metric of a line.
+struct Row {
+    metric: &'static Metric,
+    figure: Figure,
+    spread: Option<Vec<f64>>,
+    /// Why there is no value.
+    note: Option<String>,
+}
+
+impl Row {
+    fn new(scorer: &'static Scorer, line: &Line) -> Row {
+        let spread = || scorer.spread.map(|samples| samples(line).map(spread)).transpose();
+        let metric = &scorer.metric;
+        match (scorer.score)(line).and_then(|figure| Ok((figure, spread()?))) {
+            Ok((figure, spread)) => Row { metric, figure, spread, note: None },
+            Err(fault) => {
+                let note = Some(fault.to_string());
+                Row { metric, figure: Figure { value: f64::NAN, n: 0 }, spread: None, note }
+            }
+        }
+    }
+}
+
+/// The type of the column `spread`.
+fn spread_type() -> DataType {
+    DataType::List(Field::new_list_field(DataType::Float64, true).into())
+}
+
+/// The values of a row of the column `spread`; empty where it is null.
+pub fn spread_at(spreads: Option<&ListArray>, row: usize) -> Vec<f64> {
+    let given = spreads.filter(|list| list.is_valid(row)).map(|list| list.value(row));
+    let values = given.as_ref().and_then(|values| values.as_primitive_opt::<Float64Type>());
+    values.map(|values| values.values().to_vec()).unwrap_or_default()
 }
 
 /// The tables must hold the same samples.

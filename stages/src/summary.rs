@@ -11,7 +11,7 @@ use numerics::regression::bootstrap::{Interval, Resamples};
 use schemas::{
     Column, Entry, Fault, Gather, LineIn, Lists, Passes, Product, Role, Rule, Several, Stage, SurveyPoint, SurveyStage,
     Table, Work, Yield,
-    metric::{Better, Metric, Pool, Shown},
+    metric::{Better, Metric, Pool, Shown, Weighed},
     stage,
 };
 
@@ -23,8 +23,8 @@ use crate::{
 stage! {
     /// Pools the scores of all lines, each figure with a confidence interval.
     ///
-    /// Errors in nT and m are pooled as root mean squares and ratios as means, both weighted by samples; numbers of
-    /// samples are added. The interval is that of percentiles over `draws` resamples of whole lines with replacement: the
+    /// Errors in nT and m are pooled as root mean squares, ratios and biases as means, both weighted by samples; `cep` and
+    /// `r95` are the radii of all samples together; numbers of samples are added. The interval is that of percentiles over `draws` resamples of whole lines with replacement: the
     /// samples of a line err together, so they are no independent evidence. One line alone has no interval (null).
     ///
     /// With `train`, the lines that the model was fitted on, there is one more metric: `overfitting_ratio`, the pooled
@@ -33,7 +33,7 @@ stage! {
     /// other lines are drawn each among themselves.
     ///
     /// Source: thesis 004, (2.42) and section 4.1; Efron & Tibshirani 1993, chapter 13.
-    Summary = "summary", version 1, grain Survey, inputs [input: Scores],
+    Summary = "summary", version 2, grain Survey, inputs [input: Scores],
     example r#"
 [[stages]]
 name  = "summary"
@@ -57,7 +57,7 @@ pub fn entry(scorers: Vec<&'static Scorer>) -> Entry {
     Entry { metrics: METRICS.to_vec(), ..Summary::entry_with(Lists::default().with(scorers)) }
 }
 
-const READS: [&str; 3] = ["metric", "value", "n"];
+const READS: [&str; 4] = ["metric", "value", "n", score::SPREAD];
 /// Errors whose ratio between new and training lines is the overfitting ratio, the first that there is.
 const OVERFITTING: [&Metric; 2] = [&score::STD_ERROR.metric, &score::MAP_STD_ERROR.metric];
 /// What is scored over all lines only.
@@ -107,18 +107,19 @@ struct Score {
     metric: &'static Metric,
     value: f64,
     n: i64,
+    spread: Vec<f64>,
 }
 
 impl Score {
-    fn new(known: &[&'static Scorer], metric: &str, value: f64, n: i64) -> Result<Self, Fault> {
+    fn new(known: &[&'static Scorer], metric: &str, value: f64, n: i64, spread: Vec<f64>) -> Result<Self, Fault> {
         let declared = known.iter().map(|scorer| &scorer.metric).find(|m| m.name == metric);
         let undeclared = || Fault::data(format!("`{metric}` is not a metric of `score`")).in_column("metric");
-        Ok(Self { metric: declared.ok_or_else(undeclared)?, value, n })
+        Ok(Self { metric: declared.ok_or_else(undeclared)?, value, n, spread })
     }
 
     /// Its value and its weight.
-    fn weighed(&self) -> (f64, f64) {
-        (self.value, self.n as f64)
+    fn weighed(&self) -> Weighed<'_> {
+        Weighed { value: self.value, n: self.n as f64, spread: &self.spread }
     }
 }
 
@@ -146,8 +147,11 @@ impl Gather for SummaryGather {
         };
         // All points choose from one list.
         let known = self.points.first().map(|point| point.metrics.all()).unwrap_or_default();
-        let scores = metric.iter().zip(value.iter().zip(n.iter()));
-        let scores = scores.filter_map(|(metric, (value, n))| Some(Score::new(known, metric?, value?, n?)));
+        let spreads = batch.column_by_name(score::SPREAD).and_then(|a| a.as_list_opt::<i32>());
+        let spread = |i: usize| score::spread_at(spreads, i);
+        let scores = metric.iter().zip(value.iter().zip(n.iter())).enumerate();
+        let scores =
+            scores.filter_map(|(i, (metric, (value, n)))| Some(Score::new(known, metric?, value?, n?, spread(i))));
         Ok(Part { line: line.line.clone(), scores: scores.collect::<Result<_, _>>()? })
     }
 
@@ -274,7 +278,7 @@ mod tests {
 
     fn part(line: &str, std_nt: f64, n: i64) -> Part {
         let scores = [("std_error", std_nt), ("nees", 2.0), ("samples_used", 10.0)];
-        let scores = scores.map(|(metric, value)| Score::new(SCORERS, metric, value, n).unwrap()).to_vec();
+        let scores = scores.map(|(metric, value)| Score::new(SCORERS, metric, value, n, vec![]).unwrap()).to_vec();
         Part { line: line.into(), scores }
     }
 
@@ -294,7 +298,7 @@ mod tests {
 
     #[test]
     fn law_what_no_stage_declares_is_not_pooled_by_a_guess() {
-        assert!(Score::new(SCORERS, "std_eror", 1.0, 1).unwrap_err().to_string().contains("`std_eror`"));
+        assert!(Score::new(SCORERS, "std_eror", 1.0, 1, vec![]).unwrap_err().to_string().contains("`std_eror`"));
     }
 
     #[test]

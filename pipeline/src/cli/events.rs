@@ -10,7 +10,10 @@ use crate::{
     plan::Point,
     run::{Count, Event, Failure, Listener, Summary},
     spec::{Scored, Search},
-    views::{scores::Scores, warnings::Warning},
+    views::{
+        scores::{InSample, Scores},
+        warnings::Warning,
+    },
 };
 
 /// JSON events on standard output.
@@ -203,18 +206,34 @@ pub(super) fn warning(w: &Warning) -> Value {
     })
 }
 
-/// One object a sweep point: its axes as text, the pooled value of each metric, and how many lines are marked.
+/// One object a sweep point: its axes as text, the pooled value of each metric, how many lines are marked, and how many
+/// are in sample. `in_sample` is true where all lines are; `metrics_in_sample` has the values over those that are.
 fn scores(table: &str, scores: &Scores) -> Vec<Value> {
+    let named = |values: &[Option<f64>]| -> Map<String, Value> {
+        scores.metrics.iter().zip(values).map(|(metric, value)| (metric.name.to_owned(), json!(value))).collect()
+    };
+    let best = scores.headline().filter(|_| scores.rows.len() > 1).and_then(|m| scores.best(m));
     let one = |(row, (key, values)): (usize, &(Vec<String>, Vec<Option<f64>>))| {
         let axes: Map<_, _> = scores.axes.iter().cloned().zip(key.iter().map(|k| json!(k))).collect();
-        let metrics: Map<_, _> =
-            scores.metrics.iter().zip(values).map(|(metric, value)| (metric.name.to_owned(), json!(value))).collect();
+        let none = InSample { held_out: scores.lines, ..InSample::default() };
+        let apart = scores.in_sample.get(row).unwrap_or(&none);
+        let only: Vec<&str> = (0..scores.metrics.len())
+            .filter(|m| scores.is_in_sample(row, *m))
+            .filter_map(|m| scores.metrics.get(m).map(|m| m.name))
+            .collect();
         json!({
             "stage": table,
             "axes": axes,
             "lines": scores.lines,
             "marked": scores.marks.get(row),
-            "metrics": metrics,
+            "cautious": scores.is_cautious(row),
+            "best": best == Some(row),
+            "in_sample": scores.is_all_in_sample(row),
+            "lines_held_out": apart.held_out,
+            "lines_in_sample": apart.lines,
+            "metrics": named(values),
+            "only_in_sample": only,
+            "metrics_in_sample": named(&apart.values),
         })
     };
     scores.rows.iter().enumerate().map(one).collect()

@@ -407,7 +407,8 @@ fn check(catalogue: &[Entry], args: &SpecArgs) -> Result<(), Stop> {
         let at = plan.spec.tables.iter().find(|t| t.name == f.name).map(|t| t.path.1.clone());
         f.implausible().into_iter().map(move |fault| at.clone().map_or(fault.clone(), |at| fault.at(at)))
     };
-    let wrong: Vec<Fault> = plan.flights.iter().flat_map(implausible).collect();
+    let unpublishable = plan.spec.publish.iter().filter_map(|facts| facts.as_ref().err()).flatten().cloned();
+    let wrong: Vec<Fault> = plan.flights.iter().flat_map(implausible).chain(unpublishable).collect();
     if !wrong.is_empty() {
         return Err(plan.spec.faults(wrong).into());
     }

@@ -206,8 +206,7 @@ fn scores_of(summary: &Summary) -> String {
     const ROWS: usize = 100;
     let width = console::Term::stdout().size_checked().map_or(score_table::WIDTH, |(_, columns)| usize::from(columns));
     let one = |(name, found): &(String, scores::Scores)| {
-        let lines = if found.lines == 1 { "one line".to_owned() } else { format!("pooled over {} lines", found.lines) };
-        format!("\n{name}, {lines}\n{}", score_table::render(found, width, ROWS))
+        format!("\n{name}, {}\n{}", found.over(), score_table::render(found, width, ROWS))
     };
     summary.scores.iter().map(one).collect()
 }

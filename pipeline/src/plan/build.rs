@@ -4,7 +4,9 @@ use std::collections::HashSet;
 
 use schemas::{Column, Entry, Fault, Grain, Role};
 
-use super::{Plan, Recorded, TableNode, axes::mentioned, builder::Builder, grid::Grid, variants::Variants};
+use super::{
+    Plan, Recorded, TableNode, axes::mentioned, builder::Builder, grid::Grid, seen::IN_SAMPLE, variants::Variants,
+};
 use crate::spec::{Faults, Spec, StageDecl};
 
 /// More points than this are more likely a slip than a wish.
@@ -22,7 +24,11 @@ pub fn build(spec: Spec, catalogue: &[Entry], recorded: Option<&Recorded>) -> Re
     if let Some(search) = &builder.spec.search {
         builder.search(search);
     }
-    let Builder { mut faults, flights, maps, tables, notes, .. } = builder;
+    let Builder { mut faults, flights, maps, tables, mut notes, .. } = builder;
+    if let Some(Err(wrong)) = &spec.publish {
+        let all: Vec<String> = wrong.iter().map(ToString::to_string).collect();
+        notes.push(format!("`[publish]` is not complete, so `magline publish` will refuse it: {}", all.join("; ")));
+    }
     let mut seen = HashSet::new();
     faults.retain(|f| seen.insert((f.what.clone(), f.at.clone())));
     faults.sort_by_key(|f| f.at.as_ref().map_or(0, |a| a.start));
@@ -30,10 +36,11 @@ pub fn build(spec: Spec, catalogue: &[Entry], recorded: Option<&Recorded>) -> Re
 }
 
 /// The tables that a run writes beside those of the stages.
-const BESIDE: [(&str, &str); 4] = [
+const BESIDE: [(&str, &str); 5] = [
     ("failures", "what failed"),
     ("quality", "the quality of the data"),
     ("warnings", "what is not to be trusted as it is"),
+    ("scores_pooled", "scores pooled over lines"),
     ("trials", "the trials of a search"),
 ];
 
@@ -196,6 +203,10 @@ impl Builder<'_> {
     /// An axis column must not hide another column.
     fn axis_columns(&mut self, node: &TableNode) {
         for axis in node.axes.iter().filter_map(|i| self.spec.axes.get(*i)) {
+            if axis.name == IN_SAMPLE && node.has_in_sample() {
+                let what = format!("the axis `{}` has the name of a column of `{}`", axis.name, node.name);
+                self.faults.push(Fault::new(what).at(axis.at.clone()).help("rename the axis"));
+            }
             let clash = node.columns().into_iter().find(|c| c.name == axis.name);
             // A small table's `model` or `method` is the axis' own value where the sweep is over it.
             let own = axis.name == "model" || clash.as_ref().is_some_and(|column| self.is_own_value(node, column));

@@ -15,6 +15,7 @@ mod memo;
 mod node;
 mod recorded;
 mod search;
+mod seen;
 mod variants;
 
 use std::collections::BTreeSet;
@@ -27,6 +28,7 @@ pub use lines::LineId;
 pub use node::{Instance, TableNode, Variant};
 pub use recorded::Recorded;
 pub use search::Goal;
+pub use seen::{IN_SAMPLE, IN_SAMPLE_MEANING, Seen};
 
 use crate::{
     sources::{Flights, MapSource},

@@ -45,11 +45,11 @@ use crate::{
     plan::{Graph, Plan},
     run::run_id,
     spec::{
-        Spec,
+        Faults, Spec,
         publish::{EXAMPLE, PublishFacts},
     },
     store::{Store, Version, current, published},
-    views::{described, lifted, report},
+    views::{described, lifted, pooled, report},
 };
 use folder::Draft;
 use set::{About, Dictionary, FORMAT, Failed, Lock, Person, Set, Stage, Table};
@@ -95,16 +95,21 @@ enum Chosen {
     Stage(usize),
     Flights(usize),
     Map(usize),
+    /// The pooled scores.
+    Pooled,
 }
 
 /// The facts of the spec, or what to write.
 ///
 /// # Errors
-/// Where the spec has no `[publish]`.
-pub fn facts(spec: &Spec) -> Result<&PublishFacts, Fault> {
-    spec.publish
-        .as_ref()
-        .ok_or_else(|| Fault::new(format!("{} does not say what the data set is", spec.file)).help(EXAMPLE))
+/// Where the spec has no `[publish]`, or something in it is wrong.
+pub fn facts(spec: &Spec) -> Result<&PublishFacts, Faults> {
+    let none = || Fault::new(format!("{} does not say what the data set is", spec.file)).help(EXAMPLE);
+    match &spec.publish {
+        Some(Ok(facts)) => Ok(facts),
+        Some(Err(faults)) => Err(spec.faults(faults.clone())),
+        None => Err(spec.faults(vec![none()])),
+    }
 }
 
 /// Publishes tables of the last run of a plan.
@@ -115,7 +120,7 @@ pub fn facts(spec: &Spec) -> Result<&PublishFacts, Fault> {
 pub fn release(graph: &Graph, store: &Store, request: &Request) -> Result<Published, Fault> {
     let plan = graph.plan;
     let spec = &plan.spec;
-    let facts = facts(spec)?;
+    let facts = facts(spec).map_err(|faults| Fault::new(faults.to_string()))?;
     let about = about(facts)?;
     let chosen = chosen(plan, request.tables)?;
     let version = computed(graph, store)?;
@@ -140,6 +145,7 @@ pub fn release(graph: &Graph, store: &Store, request: &Request) -> Result<Publis
             }
             Chosen::Flights(i) => tables::of_flights(graph, store, i, root)?,
             Chosen::Map(i) => tables::of_map(graph, store, i, root)?,
+            Chosen::Pooled => tables::of_pooled(graph, &version, root)?,
         });
     }
     protect::describe(&lineage, &mut tables);
@@ -239,8 +245,10 @@ fn chosen(plan: &Plan, names: &[String]) -> Result<Vec<Chosen>, Fault> {
             found.push(Chosen::Flights(i));
         } else if let Some(i) = plan.maps.iter().position(|m| m.name == *name) {
             found.push(Chosen::Map(i));
+        } else if name == pooled::TABLE && pooled::tables(plan).next().is_some() {
+            found.push(Chosen::Pooled);
         } else {
-            let stages = plan.tables.iter().map(|t| t.name.as_str());
+            let stages = plan.tables.iter().map(|t| t.name.as_str()).chain([pooled::TABLE]);
             let sources = plan.flights.iter().map(|f| f.name.as_str()).chain(plan.maps.iter().map(|m| m.name.as_str()));
             let known: Vec<&str> = stages.chain(sources).collect();
             return Err(Fault::new(format!("there is no table `{name}`")).nearest(name, &known));
@@ -270,8 +278,11 @@ fn columns(graph: &Graph, chosen: &[Chosen]) -> Vec<(String, Vec<String>)> {
             Some((flights.name.clone(), flights.shape.columns.iter().map(|c| c.name.clone()).collect()))
         }
         Chosen::Map(i) => plan.maps.get(i).map(|m| (m.name.clone(), m.columns())),
+        Chosen::Pooled => None,
     };
-    chosen.iter().filter_map(one).collect()
+    // Pooled scores are made from all tables of scores.
+    let scores = chosen.iter().filter(|c| matches!(c, Chosen::Pooled)).flat_map(|_| pooled::tables(plan));
+    chosen.iter().copied().chain(scores.map(Chosen::Stage)).filter_map(|chosen| one(&chosen)).collect()
 }
 
 /// The tables of the last run, which must be of exactly this spec and data.
@@ -290,8 +301,9 @@ fn computed(graph: &Graph, store: &Store) -> Result<Version, Fault> {
 fn failures(graph: &Graph, store: &Store, chosen: &[Chosen]) -> Result<Vec<Failed>, Fault> {
     let plan = graph.plan;
     let mut names: BTreeSet<&str> = BTreeSet::new();
-    for one in chosen {
-        match *one {
+    let scores = chosen.iter().filter(|c| matches!(c, Chosen::Pooled)).flat_map(|_| pooled::tables(plan));
+    for one in chosen.iter().copied().chain(scores.map(Chosen::Stage)) {
+        match one {
             Chosen::Stage(t) => {
                 let all = plan.rests_on(t);
                 names.extend(all.iter().filter_map(|t| plan.tables.get(*t)).flat_map(|node| {
@@ -300,7 +312,7 @@ fn failures(graph: &Graph, store: &Store, chosen: &[Chosen]) -> Result<Vec<Faile
                 }));
             }
             Chosen::Flights(i) => names.extend(plan.flights.get(i).map(|f| f.name.as_str())),
-            Chosen::Map(_) => {}
+            Chosen::Map(_) | Chosen::Pooled => {}
         }
     }
     let folder = store.table(&plan.spec.name, "failures");

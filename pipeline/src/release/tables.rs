@@ -24,6 +24,7 @@ use crate::{
     plan::Graph,
     sources::map_batch,
     store::{Sealed, Store, Version},
+    views::pooled,
 };
 
 /// The keys of the folders of a table of flight lines.
@@ -291,6 +292,23 @@ pub fn of_stage(graph: &Graph, version: &Version, t: usize, root: &Path) -> Resu
         files.write(format!("data/{}/part-0.parquet", node.name), None, pieces.iter().map(|p| parts.rows(p)))?;
     }
     Ok(files.table(&node.name, kind, &axes, by_line))
+}
+
+/// Writes the pooled scores of a plan, as its last run left them in `version`, below `root`.
+///
+/// # Errors
+/// When the store is damaged, or the file system refuses.
+pub fn of_pooled(graph: &Graph, version: &Version, root: &Path) -> Result<Table, Fault> {
+    let mut parts = Parts::open(version, pooled::TABLE)?;
+    let axes = graph.plan.spec.axes.iter().map(|a| a.name.clone());
+    let axes: Vec<String> = axes.filter(|a| parts.schema.index_of(a).is_ok()).collect();
+    let mut pieces = parts.pieces(&axes)?;
+    pieces.sort_by(|a, b| in_order(&a.axes, &b.axes));
+    let schema = parts.schema.clone();
+    let mut files = Files::new(root, &schema, axes.clone());
+    files.write(format!("data/{}/part-0.parquet", pooled::TABLE), None, pieces.iter().map(|p| parts.rows(p)))?;
+    let description = "Scores pooled over the lines of each point; lines in sample are pooled apart.".to_owned();
+    Ok(Table { description, ..files.table(pooled::TABLE, "scores", &axes, false) })
 }
 
 /// Writes the table of flights `i` of a plan, as it was read from files, below `root`.

@@ -11,7 +11,7 @@ use super::held::Held;
 use crate::{
     casting::cast,
     keys::Key,
-    plan::{Graph, Ref, Unit},
+    plan::{Graph, IN_SAMPLE, IN_SAMPLE_MEANING, Ref, Seen, Unit},
     store::{Packed, row_bytes},
 };
 
@@ -28,6 +28,8 @@ pub struct Cut<'a> {
     pub kind: Key,
     /// Columns that are not made at every point: `tt` and what is carried.
     passed: Vec<String>,
+    /// Of scores the lines that were seen, for the column [`IN_SAMPLE`].
+    seen: Option<Seen>,
 }
 
 impl<'a> Cut<'a> {
@@ -67,6 +69,10 @@ impl<'a> Cut<'a> {
             let types = if makers.is_empty() { node.columns_named(&column.name) } else { makers };
             fields.push(one_type(&column, &types)?);
         }
+        let seen = if node.has_in_sample() { Some(Seen::new(graph, table)?) } else { None };
+        if seen.is_some() {
+            fields.push(field(IN_SAMPLE, DataType::Boolean, "", Role::Key, IN_SAMPLE_MEANING));
+        }
         let schema: SchemaRef = Arc::new(Schema::new(fields));
         let spelt = schema.fields().iter().flat_map(|f| {
             let mut about: Vec<(&String, &String)> = f.metadata().iter().collect();
@@ -75,7 +81,7 @@ impl<'a> Cut<'a> {
         });
         let stage = [node.entry.name.to_owned(), node.entry.version.to_string()];
         let kind = Key::of(stage.into_iter().chain(spelt));
-        Ok(Cut { graph, table, schema, kind, passed })
+        Ok(Cut { graph, table, schema, kind, passed, seen })
     }
 
     /// The estimated memory of a unit, in bytes, before it is computed.
@@ -98,6 +104,11 @@ impl<'a> Cut<'a> {
         rows * row_bytes(&self.schema)
     }
 
+    /// Whether a score was made with the help of its own line; `None` for other tables.
+    fn in_sample(&self, unit: Unit) -> Option<bool> {
+        Some(self.seen.as_ref()?.has(unit.instance, unit.line?))
+    }
+
     /// A hash of the columns of a unit's rows that its stage did not make.
     pub fn dress(&self, unit: Unit) -> u64 {
         let plan = self.graph.plan;
@@ -105,6 +116,9 @@ impl<'a> Cut<'a> {
         let mut parts: Vec<String> = vec![];
         for (name, value) in plan.tables[unit.table].axis_columns(&it, &plan.spec) {
             parts.extend([name.to_owned(), value.to_string()]);
+        }
+        if let Some(seen) = self.in_sample(unit) {
+            parts.extend([IN_SAMPLE.to_owned(), seen.to_string()]);
         }
         for name in &self.passed {
             if let Some(line) = unit.line.filter(|_| it.makes(name).is_none()) {
@@ -147,6 +161,9 @@ impl<'a> Cut<'a> {
         let column = |f: &Arc<Field>| -> Result<ArrayRef, Fault> {
             if let Some((_, value)) = axes.iter().find(|(n, _)| *n == f.name()) {
                 return Ok(axis_values(value, rows));
+            }
+            if let Some(seen) = self.in_sample(unit).filter(|_| f.name() == IN_SAMPLE) {
+                return Ok(Arc::new(BooleanArray::from(vec![seen; rows])));
             }
             let found = made.column_by_name(f.name()).or_else(|| passed.as_ref()?.column_by_name(f.name()));
             match (found, identifier(f.name())) {

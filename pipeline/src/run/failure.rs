@@ -4,6 +4,11 @@ use std::collections::HashMap;
 
 use schemas::Fault;
 
+use crate::{
+    plan::Plan,
+    views::warnings::{Kind, Warning},
+};
+
 /// A unit that could not be computed.
 #[derive(Clone, Debug)]
 pub struct Failure {
@@ -15,6 +20,18 @@ pub struct Failure {
     pub line: Option<(String, String)>,
     /// Why.
     pub fault: Fault,
+}
+
+/// Metrics that could not be computed, of tables whose `metrics` name them, as failures; and all other warnings. A
+/// metric that is only a default is left out with a warning.
+pub fn of_metrics(plan: &Plan, warnings: Vec<Warning>) -> (Vec<Failure>, Vec<Warning>) {
+    let named = |w: &Warning| {
+        let table = plan.table(&w.stage).ok().and_then(|t| plan.decl(t));
+        w.kind == Kind::Metric && table.is_some_and(|decl| decl.args.contains_key("metrics"))
+    };
+    let (failed, others): (Vec<Warning>, Vec<Warning>) = warnings.into_iter().partition(named);
+    let failure = |w: Warning| Failure { table: w.stage, point: w.point, line: w.line, fault: Fault::data(w.text) };
+    (failed.into_iter().map(failure).collect(), others)
 }
 
 /// The failures as reported: one message for a mistake that several lines of a file have, with the number of lines.

@@ -59,6 +59,7 @@ use crate::{
     views::{
         self,
         history::{self, Past},
+        pooled::{self, Pooled},
         scores::{self, Scores},
         warnings::{self, Warning},
     },
@@ -276,19 +277,26 @@ fn once(
     if pass.last {
         failures.extend(trials::vain(plan, &trials));
     }
-    let mut warnings = vec![];
+    let (mut warnings, mut pooled) = (vec![], vec![]);
     if pass.last && !interrupted && store.damaged().len() == damaged {
         let there = |unit: Unit| states.get(unit) == State::Done;
         let last = warnings::find(&graph, store, &there).and_then(|found| {
+            let (failed, found) = failure::of_metrics(plan, found);
+            failures.extend(failed);
             warnings = found;
+            pooled = pooled::find(&graph, store, &there)?;
             if store.damaged().len() > damaged {
                 return Ok(());
             }
+            // Tables that were not asked for stay as they are, and so do their pooled scores.
+            let before = if asked.left.is_empty() { None } else { pooled::written(plan, store)? };
+            let left = before.into_iter().flatten().filter(|p| asked.left.contains(&p.table));
+            let published: Vec<Pooled> = pooled.iter().cloned().chain(left).collect();
             plan.tables.iter().for_each(|node| listener.hear(&Event::Publishing { table: &node.name }));
             let left = &asked.left;
             let publication =
                 publish::Publication { graph: &graph, store, run: &run, packs: &packs, left, there: &there };
-            publication.publish(publisher, &failures, &warnings, &trials)?;
+            publication.publish(publisher, &failures, &warnings, &published, &trials)?;
             let snapshot = views::record(&graph, store, &seconds, &asked.left)?;
             let total = tables.iter().fold(Count::default(), |sum, (_, c)| sum + *c);
             let past = Past {
@@ -307,12 +315,18 @@ fn once(
     watch.keep(pass.last && !interrupted);
     let (quality, quality_lines) = quality::count(&graph);
     let folder = store.root().join("tables").join(&plan.spec.name);
-    let mut scores = if interrupted || !pass.last { vec![] } else { scores::all(plan, &folder, &warnings) };
+    let mut scores = scores::all(plan, &pooled, &warnings);
     let left: Vec<String> = asked.names(plan).map(str::to_owned).collect();
     scores.retain(|(name, _)| !left.contains(name));
     let spent = seconds.into_iter().enumerate().filter(|(t, _)| !asked.left.contains(t));
     let seconds = spent.map(|(_, (_, s))| s).collect();
-    let notes = plan.notes.iter().cloned().chain(asked.note(plan).filter(|_| !interrupted)).collect();
+    let mut notes: Vec<String> = plan.notes.iter().cloned().chain(asked.note(plan).filter(|_| !interrupted)).collect();
+    if !scores.is_empty() {
+        notes.extend(pooled::repeats(&graph));
+    }
+    for (name, found) in &scores {
+        notes.extend(found.at_edges().into_iter().map(|text| format!("`{name}`: {text}")));
+    }
     Ok(Summary {
         tables,
         failures,

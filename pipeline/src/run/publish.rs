@@ -3,7 +3,7 @@
 
 use std::{collections::BTreeSet, sync::Arc};
 
-use arrow_array::{ArrayRef, Float64Array, Int64Array, RecordBatch, StringArray, new_null_array};
+use arrow_array::{ArrayRef, BooleanArray, Float64Array, Int64Array, RecordBatch, StringArray, new_null_array};
 use arrow_schema::{DataType, Field, Schema};
 use schemas::{Fault, Literal, Role, field};
 
@@ -17,7 +17,10 @@ use crate::{
     plan::{Graph, Plan, Point, Unit},
     spec::{Scored, TRIAL},
     store::{Beside, Publisher, Store, TableFiles},
-    views::warnings::Warning,
+    views::{
+        pooled::{self, Pooled},
+        warnings::Warning,
+    },
 };
 
 /// The inputs of publishing.
@@ -46,6 +49,7 @@ impl Publication<'_> {
         publisher: &Publisher,
         failures: &[Failure],
         warnings: &[Warning],
+        pooled: &[Pooled],
         trials: &[Scored],
     ) -> Result<(), Fault> {
         let (graph, store) = (self.graph, self.store);
@@ -55,6 +59,7 @@ impl Publication<'_> {
             self::warnings(plan, store, warnings)?,
             quality::table(graph, store)?,
         ];
+        beside.extend(self::pooled(plan, store, pooled)?);
         beside.extend(self::trials(plan, store, trials)?);
         let (mut tables, mut kept) = (vec![], vec![]);
         for (t, (node, packs)) in plan.tables.iter().zip(self.packs).enumerate() {
@@ -130,6 +135,41 @@ fn warnings(plan: &Plan, store: &Store, warnings: &[Warning]) -> Result<Beside, 
         ("cause", text(&|w| w.cause.clone()), "the likely cause; null where that is not known"),
     ];
     beside(plan, store, "warnings", &points, columns)
+}
+
+/// Writes the pooled scores, also when there are none; nothing where the plan has no table of scores.
+fn pooled(plan: &Plan, store: &Store, pooled: &[Pooled]) -> Result<Option<Beside>, Fault> {
+    if pooled::tables(plan).next().is_none() {
+        return Ok(None);
+    }
+    let text = |f: &dyn Fn(&Pooled) -> String| -> ArrayRef {
+        Arc::new(pooled.iter().map(|p| Some(f(p))).collect::<StringArray>())
+    };
+    let number =
+        |f: fn(&Pooled) -> Option<f64>| -> ArrayRef { Arc::new(pooled.iter().map(f).collect::<Float64Array>()) };
+    let count =
+        |f: fn(&Pooled) -> i64| -> ArrayRef { Arc::new(pooled.iter().map(|p| Some(f(p))).collect::<Int64Array>()) };
+    let lines = |n: usize| i64::try_from(n).unwrap_or(i64::MAX);
+    let many = |f: &dyn Fn(&Pooled) -> usize| -> ArrayRef {
+        Arc::new(pooled.iter().map(|p| Some(lines(f(p)))).collect::<Int64Array>())
+    };
+    let in_sample: ArrayRef = Arc::new(pooled.iter().map(|p| Some(p.is_in_sample())).collect::<BooleanArray>());
+    let columns = vec![
+        text(&|p| plan.table_name(p.table).to_owned()),
+        text(&|p| p.metric.name.to_owned()),
+        number(|p| p.shown().value),
+        text(&|p| p.metric.unit.to_owned()),
+        count(|p| p.shown().n),
+        many(&|p| p.shown().lines),
+        in_sample,
+        number(|p| p.in_sample.value),
+        count(|p| p.in_sample.n),
+        many(&|p| p.in_sample.lines),
+        text(&|p| p.metric.pool.words()),
+    ];
+    let columns = pooled::COLUMNS.iter().zip(columns).map(|((name, about), array)| (*name, array, *about)).collect();
+    let points: Vec<Point> = pooled.iter().map(|p| plan.instance(p.table, p.instance).point()).collect();
+    beside(plan, store, pooled::TABLE, &points.iter().collect::<Vec<_>>(), columns).map(Some)
 }
 
 /// Writes the trials of a search, one row for each at each of its rungs; nothing where the spec has no search.

@@ -7,7 +7,8 @@ use arrow_array::{
 };
 use arrow_cast::cast;
 use arrow_schema::DataType;
-use schemas::{Entry, Fault, Grain};
+use schemas::{Entry, Fault, Grain, metric::Weighed};
+use stages::score::{SPREAD, spread_at};
 
 use super::Failure;
 use crate::{
@@ -113,7 +114,7 @@ fn one(
     units: &[Unit],
     all: bool,
 ) -> Result<Option<Scored>, Fault> {
-    let mut pairs: Vec<(f64, f64)> = vec![];
+    let mut pairs: Vec<(f64, f64, Vec<f64>)> = vec![];
     let mut error = None;
     for unit in units {
         match fate(graph, store, *unit)? {
@@ -130,7 +131,8 @@ fn one(
             }
         }
     }
-    let pooled = Some(goal.metric.pool.value(pairs.iter().copied())).filter(|v| v.is_finite() && error.is_none());
+    let weighed = pairs.iter().map(|(value, n, spread)| Weighed { value: *value, n: *n, spread });
+    let pooled = Some(goal.metric.pool.value(weighed)).filter(|v| v.is_finite() && error.is_none());
     let cost = pooled.and_then(|v| goal.cost(v));
     if cost.is_none() {
         error.get_or_insert_with(|| format!("`{}` has no value on any line", goal.metric.name));
@@ -139,9 +141,9 @@ fn one(
     Ok(Some(Scored { row: row.clone(), goal, cost, lines: units.len(), error, promoted: false }))
 }
 
-/// The value of the metric and its weight, where it has one.
-fn values(graph: &Graph, store: &Store, goal: &Goal, unit: Unit) -> Result<Vec<(f64, f64)>, Fault> {
-    let batch = store.get(graph.key(unit)?, &["metric", "value", "n"])?;
+/// The value of the metric, its weight and its spread, where it has one.
+fn values(graph: &Graph, store: &Store, goal: &Goal, unit: Unit) -> Result<Vec<(f64, f64, Vec<f64>)>, Fault> {
+    let batch = store.get(graph.key(unit)?, &["metric", "value", "n", SPREAD])?;
     let lacking = || Fault::bug("a table of scores without `metric`, `value` and `n`");
     let column = |name: &str| batch.column_by_name(name).ok_or_else(lacking);
     let n = cast(column("n")?, &DataType::Int64).map_err(|_| lacking())?;
@@ -150,7 +152,8 @@ fn values(graph: &Graph, store: &Store, goal: &Goal, unit: Unit) -> Result<Vec<(
     let n = n.as_primitive_opt::<Int64Type>().ok_or_else(lacking)?;
     let of_goal = (0..batch.num_rows()).filter(|i| words.is_valid(*i) && words.value(*i) == goal.metric.name);
     let given = of_goal.filter(|i| values.is_valid(*i) && n.is_valid(*i));
-    Ok(given.map(|i| (values.value(i), n.value(i) as f64)).collect())
+    let spreads = batch.column_by_name(SPREAD).and_then(|a| a.as_list_opt::<i32>());
+    Ok(given.map(|i| (values.value(i), n.value(i) as f64, spread_at(spreads, i))).collect())
 }
 
 /// What is known of a unit; of one that is not in the store what its inputs say.

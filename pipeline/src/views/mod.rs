@@ -5,6 +5,7 @@ mod explain;
 pub mod history;
 mod lineage;
 pub mod openlineage;
+pub mod pooled;
 mod record;
 mod reference;
 pub mod report;

@@ -11,11 +11,12 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     keys::Key,
-    plan::{Graph, Instance, Plan, Ref, TableNode},
+    plan::{Graph, IN_SAMPLE, IN_SAMPLE_MEANING, Instance, Plan, Ref, TableNode},
     remote::cache,
     sources,
     spec::{Spec, publish::Restricted},
     store::{Store, pipeline_name},
+    views::pooled,
 };
 
 /// A pipeline at its last run.
@@ -124,14 +125,10 @@ pub fn record(graph: &Graph, store: &Store, costs: &[(usize, f64)], left: &[usiz
         }
         Some(table(graph.plan, t, node, cost.or(old.and_then(|x| x.cost)), graph.all_lines_of(t).len()))
     });
-    let snapshot = Snapshot {
-        pipeline: plan.spec.name.clone(),
-        spec: plan.spec.file.clone(),
-        made_by: made_by(&plan.spec),
-        seed: plan.spec.seed,
-        sources,
-        tables: tables.collect(),
-    };
+    let tables: Vec<SnapshotTable> = tables.chain(pooled_scores(plan)).collect();
+    let (pipeline, spec) = (plan.spec.name.clone(), plan.spec.file.clone());
+    let made_by = made_by(&plan.spec);
+    let snapshot = Snapshot { pipeline, spec, made_by, seed: plan.spec.seed, sources, tables };
     let text = sources::sealed(&snapshot)?;
     let file = store.root().join("plans").join(format!("{}.json", plan.spec.name));
     if std::fs::read(&file).ok().as_ref() != Some(&text) {
@@ -149,6 +146,33 @@ pub fn described(graph: &Graph) -> Vec<SnapshotTable> {
         .enumerate()
         .map(|(t, node)| table(graph.plan, t, node, None, graph.all_lines_of(t).len()))
         .collect()
+}
+
+/// The table of pooled scores, where the plan has scores.
+fn pooled_scores(plan: &Plan) -> Option<SnapshotTable> {
+    let scores: Vec<&TableNode> = pooled::tables(plan).map(|t| &plan.tables[t]).collect();
+    let inputs: Vec<String> = scores.iter().map(|node| node.name.clone()).collect();
+    let column = |(name, doc): &(&str, &str)| {
+        let (kind, made_of) = pooled::made_of(name);
+        let from = inputs.iter().flat_map(|table| made_of.iter().map(|c| (table.clone(), (*c).to_owned())));
+        let (name, kind, doc) = ((*name).to_owned(), kind.to_owned(), (*doc).to_owned());
+        SnapshotColumn { name, kind, unit: String::new(), doc, from: from.collect() }
+    };
+    let axes = plan.spec.axes.iter().enumerate();
+    let axes = axes.filter(|(i, _)| scores.iter().any(|node| node.axes.contains(i))).map(|(_, a)| a.name.clone());
+    (!scores.is_empty()).then(|| SnapshotTable {
+        name: pooled::TABLE.to_owned(),
+        stage: "pooling of scores".to_owned(),
+        version: 1,
+        tidy: true,
+        axes: axes.collect(),
+        columns: pooled::COLUMNS.iter().map(column).collect(),
+        inputs: inputs.clone(),
+        predicate: None,
+        points: vec![],
+        lines: 0,
+        cost: None,
+    })
 }
 
 fn files(graph: &Graph, i: usize) -> Vec<(String, String)> {
@@ -194,7 +218,14 @@ pub fn columns(plan: &Plan, t: usize, node: &TableNode) -> Vec<SnapshotColumn> {
         };
         SnapshotColumn { name: c.name, kind, unit: c.unit, doc: c.doc, from }
     });
-    described.collect()
+    let in_sample = SnapshotColumn {
+        name: IN_SAMPLE.to_owned(),
+        kind: "Boolean".to_owned(),
+        unit: String::new(),
+        doc: IN_SAMPLE_MEANING.to_owned(),
+        from: vec![],
+    };
+    described.chain(node.has_in_sample().then_some(in_sample)).collect()
 }
 
 fn made_from(plan: &Plan, it: &Instance, name: &str) -> Vec<(String, String)> {

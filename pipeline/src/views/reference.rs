@@ -108,7 +108,7 @@ fn params(all: &[&ParamDoc]) -> String {
 fn metrics(entry: &Entry) -> String {
     let row = |Metric { name, unit, meaning, pool, better, .. }: &Metric| {
         // What a survey stage makes is of all lines already.
-        let pool = if entry.grain == Grain::Line { pool.words() } else { "" };
+        let pool = if entry.grain == Grain::Line { pool.words() } else { String::new() };
         format!("| `{name}` | {unit} | {pool} | {} | {meaning} |\n", better.words())
     };
     let rows: String = entry.metrics.iter().map(row).collect();

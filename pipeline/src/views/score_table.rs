@@ -15,8 +15,8 @@ const NARROWEST: usize = 80;
 const AXIS_WIDTH: usize = 12;
 
 /// The scores as text: at most `most` rows of at most `width` characters (80 at least). The columns before the axes
-/// mark the best row of the leading metric with `*` and the rows that are not to be trusted with `!`; the last column
-/// says on how many of the lines. What is left out and what the marks mean is said below.
+/// mark the best row of the leading metric with `*`, the rows that are not to be trusted with `!` (the last column has the
+/// number of such lines), and the rows in sample with `~`, as are single values in sample. A legend below explains them.
 pub fn render(scores: &Scores, width: usize, most: usize) -> String {
     let width = width.max(NARROWEST);
     let best = scores.headline().filter(|_| scores.rows.len() > 1).and_then(|m| scores.best(m));
@@ -50,7 +50,8 @@ impl View<'_> {
             let Metric { name, unit, .. } = scores.metrics[*m];
             if unit == "1" { (*name).to_owned() } else { format!("{name} [{unit}]") }
         };
-        let any_mark = self.best.is_some() || scores.marks.iter().any(|n| *n > 0);
+        let in_sample = (0..scores.rows.len()).any(|r| scores.is_all_in_sample(r));
+        let any_mark = self.best.is_some() || in_sample || scores.marks.iter().any(|n| *n > 0);
         let counted = scores.marks.iter().any(|n| *n > 0);
         let mut header: Vec<String> = if any_mark { vec![String::new()] } else { vec![] };
         header.extend(scores.axes.iter().map(|a| self.cut(a)));
@@ -58,9 +59,9 @@ impl View<'_> {
         header.extend(counted.then(|| "marked".to_owned()));
         let mut table = vec![header];
         for (row, (key, _)) in scores.rows.iter().enumerate().take(self.most) {
-            let mut words: Vec<String> = if any_mark { vec![self.sign(row).to_owned()] } else { vec![] };
+            let mut words: Vec<String> = if any_mark { vec![self.sign(row)] } else { vec![] };
             words.extend(key.iter().map(|k| self.cut(k)));
-            words.extend(self.metrics.iter().map(|m| number(scores.value(row, *m))));
+            words.extend(self.metrics.iter().map(|m| self.cell(row, *m)));
             let marks = scores.marks.get(row).copied().unwrap_or(0);
             words.extend(counted.then(|| if marks > 0 { format!("{marks}/{}", scores.lines) } else { "-".to_owned() }));
             table.push(words);
@@ -68,12 +69,22 @@ impl View<'_> {
         columns(&table, scores.axes.len() + usize::from(any_mark))
     }
 
-    fn sign(&self, row: usize) -> &'static str {
-        match (self.best == Some(row), self.scores.is_marked(row)) {
-            (_, true) => "!",
-            (true, false) => "*",
-            (false, false) => "",
-        }
+    fn sign(&self, row: usize) -> String {
+        let scores = self.scores;
+        let mark = match scores.is_marked(row) {
+            true if scores.is_cautious(row) => "c",
+            true => "!",
+            false if self.best == Some(row) => "*",
+            false => "",
+        };
+        mark.to_owned() + if scores.is_all_in_sample(row) { "~" } else { "" }
+    }
+
+    /// A value; one in sample among others that are not is marked by itself.
+    fn cell(&self, row: usize, metric: usize) -> String {
+        let scores = self.scores;
+        let alone = scores.is_in_sample(row, metric) && !scores.is_all_in_sample(row);
+        number(scores.value(row, metric)) + if alone { " ~" } else { "" }
     }
 
     fn cut(&self, word: &str) -> String {
@@ -101,12 +112,21 @@ fn legend(scores: &Scores, best: Option<usize>, left_out: &[&str], most: usize) 
     if scores.rows.len() > most {
         out.push_str(&format!("and {} more points; `magline sql` shows them all\n", scores.rows.len() - most));
     }
+    let marked = scores.marks.iter().any(|n| *n > 0);
+    let in_sample = scores.in_sample.iter().any(|row| row.metrics.contains(&true) || row.lines > 0);
     if let (Some(_), Some(metric)) = (best, scores.headline().and_then(|m| scores.metrics.get(m))) {
-        let of = if scores.marks.iter().any(|n| *n > 0) { " of the points without a mark" } else { "" };
+        let of = if marked { " of the points without a mark" } else { "" };
         out.push_str(&format!("* best {}{of}\n", metric.name));
     }
-    if scores.marks.iter().any(|n| *n > 0) {
+    let marked_rows = || (0..scores.rows.len()).filter(|r| scores.is_marked(*r));
+    if marked_rows().any(|r| !scores.is_cautious(r)) {
         out.push_str("! marked: worse than the INS alone, or NEES or NIS far from its law (2 and 1)\n");
+    }
+    if marked_rows().any(|r| scores.is_cautious(r)) {
+        out.push_str("c cautious: NEES or NIS far below its law (2 and 1), the errors are smaller than stated\n");
+    }
+    if in_sample {
+        out.push_str(&in_sample_legend(scores));
     }
     if !left_out.is_empty() {
         out.push_str(&format!("left out for width: {}; `magline sql` shows all\n", left_out.join(", ")));
@@ -114,10 +134,28 @@ fn legend(scores: &Scores, best: Option<usize>, left_out: &[&str], most: usize) 
     out
 }
 
+/// The meaning of `~`, and why no point is the best.
+fn in_sample_legend(scores: &Scores) -> String {
+    let mut out =
+        "~ in sample: a model, noise or map was made from the same lines, or a search chose by them; never best\n"
+            .to_owned();
+    if scores.in_sample.iter().any(|row| row.lines > 0 && row.held_out > 0) {
+        out.push_str(
+            "values are of held-out lines; those in sample are `value_in_sample` of the table `scores_pooled`\n",
+        );
+    }
+    let in_sample = |r: usize, m: usize| scores.value(r, m).is_none() || scores.is_in_sample(r, m);
+    let all = scores.headline().is_some_and(|m| (0..scores.rows.len()).all(|r| in_sample(r, m)));
+    if all && scores.rows.len() > 1 {
+        out.push_str("no best point: every line is in sample; score lines that no `where` of a fit selects\n");
+    }
+    out
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::views::scores::declared;
+    use crate::views::scores::{InSample, declared};
 
     fn scores(points: usize) -> Scores {
         let metrics = declared([
@@ -139,7 +177,33 @@ mod tests {
             rows: (0..points).map(row).collect(),
             lines: 9,
             marks: vec![0; points],
+            cautious: vec![],
+            in_sample: vec![],
         }
+    }
+
+    #[test]
+    fn unit_values_in_sample_are_marked_and_never_starred() {
+        let mut some = scores(3);
+        let of =
+            |lines, held_out, metrics: Vec<bool>| InSample { lines, held_out, values: vec![Some(7.0); 10], metrics };
+        // The first point has lines in sample only, the second both, the third one metric in sample.
+        let mut one = vec![false; 10];
+        one[5] = true;
+        some.in_sample = vec![of(9, 0, vec![true; 10]), of(1, 8, vec![false; 10]), of(1, 8, one)];
+        let text = render(&some, 200, 100);
+        let rows: Vec<&str> = text.lines().collect();
+        assert!(rows[1].starts_with("~  mag_0_uc") && rows[2].starts_with("*  mag_1_uc"), "{text}");
+        assert!(rows[3].contains("3.000 ~") && rows[3].matches('~').count() == 1, "{text}");
+        assert!(text.contains("\n~ in sample: a model") && text.contains("\nvalues are of held-out lines"), "{text}");
+        assert!(!text.contains("no best point"), "{text}");
+        some.in_sample = vec![of(9, 0, vec![true; 10]); 3];
+        let text = render(&some, 200, 100);
+        assert!(!text.contains('*') && text.contains("\nno best point: every line is in sample"), "{text}");
+        let mut single = scores(1);
+        single.in_sample = vec![of(9, 0, vec![true; 10])];
+        let text = render(&single, 200, 100);
+        assert!(text.contains("\n~  mag_0_uc") && !text.contains("no best point"), "{text}");
     }
 
     #[test]

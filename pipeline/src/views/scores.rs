@@ -1,17 +1,14 @@
 //! The table of scores as a person reads it: one row a sweep point, one column a metric, lines pooled.
 
-use std::{
-    collections::{BTreeSet, HashMap},
-    path::Path,
+use std::collections::{BTreeMap, BTreeSet, HashMap};
+
+use schemas::{Literal, metric::Metric};
+
+use super::{
+    pooled::{self, Pooled},
+    warnings::{Kind, Warning},
 };
-
-use arrow_array::{Array, Float64Array, StringArray, cast::AsArray, types::Float64Type};
-use arrow_cast::cast;
-use arrow_schema::DataType;
-use schemas::{Fault, Literal, metric::Metric};
-
-use super::warnings::Warning;
-use crate::{plan::Plan, store::published};
+use crate::plan::Plan;
 
 /// Scores of all lines together, by sweep point.
 pub struct Scores {
@@ -21,21 +18,84 @@ pub struct Scores {
     pub metrics: Vec<Metric>,
     /// One row a sweep point: the axis values as text, then a value for each metric.
     pub rows: Vec<(Vec<String>, Vec<Option<f64>>)>,
-    /// How many lines went into them.
+    /// The largest number of lines of a row, in sample or not.
     pub lines: usize,
-    /// How many lines of each row are marked: their filter diverged, or is wrong about itself.
+    /// How many lines of each row are marked: their filter diverged, or its covariance is wrong.
     pub marks: Vec<usize>,
+    /// The marked rows whose filter is only cautious: its errors are smaller than it states.
+    pub cautious: Vec<usize>,
+    /// The lines of each row that are in sample; empty where no row has any.
+    pub in_sample: Vec<InSample>,
+}
+
+/// The lines of a point that a model, noise or map behind its scores was made from, or a search chose by.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct InSample {
+    /// Their number.
+    pub lines: usize,
+    /// The number of all others, which the values of the row are pooled over; where it is 0, over these.
+    pub held_out: usize,
+    /// Whether the value of each metric is of lines in sample only.
+    pub metrics: Vec<bool>,
+    /// The value of each metric over the lines in sample.
+    pub values: Vec<Option<f64>>,
 }
 
 impl Scores {
+    /// The scores of the table `t` of `plan` among `pooled`, and the point of each row. Columns are the metrics that are to
+    /// be shown and have a value.
+    pub fn new(plan: &Plan, t: usize, pooled: &[Pooled]) -> (Scores, Vec<usize>) {
+        let node = &plan.tables[t];
+        let own: Vec<&Pooled> = pooled.iter().filter(|p| p.table == t).collect();
+        let has_value = |m: &Metric| own.iter().any(|p| p.metric.name == m.name && p.shown().value.is_some());
+        let mut metrics: Vec<Metric> =
+            node.entry.metrics.iter().copied().filter(|m| m.shown.column.is_some() && has_value(m)).collect();
+        metrics.sort_by_key(|m| m.shown.column);
+        let mut points: BTreeMap<usize, Vec<&Pooled>> = BTreeMap::new();
+        own.iter().for_each(|p| points.entry(p.instance).or_default().push(p));
+        let axes = node.axes.iter().filter_map(|i| plan.spec.axes.get(*i)).map(|a| a.name.clone()).collect();
+        let (mut rows, mut in_sample, mut instances, mut most) = (vec![], vec![], vec![], 0);
+        for (instance, of_point) in points {
+            let of = |m: &Metric| of_point.iter().find(|p| p.metric.name == m.name);
+            let key = node.axis_columns(&plan.instance(t, instance), &plan.spec);
+            let key = key.into_iter().map(|(_, value)| value.to_string()).collect();
+            rows.push((key, metrics.iter().map(|m| of(m)?.shown().value).collect()));
+            let lines = |of: fn(&Pooled) -> usize| of_point.iter().map(|p| of(p)).max().unwrap_or(0);
+            most = most.max(lines(|p| p.held_out.lines + p.in_sample.lines));
+            in_sample.push(InSample {
+                lines: lines(|p| p.in_sample.lines),
+                held_out: lines(|p| p.held_out.lines),
+                metrics: metrics.iter().map(|m| of(m).is_some_and(|p| p.is_in_sample())).collect(),
+                values: metrics.iter().map(|m| of(m)?.in_sample.value).collect(),
+            });
+            instances.push(instance);
+        }
+        if in_sample.iter().all(|row| row.lines == 0) {
+            in_sample.clear();
+        }
+        let marks = vec![0; rows.len()];
+        (Scores { axes, metrics, rows, lines: most, marks, cautious: vec![], in_sample }, instances)
+    }
+
     /// Marks the rows of the table `name` that `warnings` speaks of.
     pub fn mark(&mut self, name: &str, warnings: &[Warning]) {
         self.marks = self.marked_lines(name, warnings).iter().map(BTreeSet::len).collect();
+        let wrong = self.lines_with(name, warnings, |kind| kind.spoils() && !kind.is_cautious());
+        self.cautious = (0..self.marks.len()).filter(|r| self.marks[*r] > 0 && wrong[*r].is_empty()).collect();
     }
 
     /// The lines of each row, as flight and line, that `warnings` of the table `name` marks.
     pub fn marked_lines<'w>(&self, name: &str, warnings: &'w [Warning]) -> Vec<BTreeSet<&'w (String, String)>> {
-        let spoilt: Vec<&Warning> = warnings.iter().filter(|w| w.stage == name && w.kind.spoils()).collect();
+        self.lines_with(name, warnings, Kind::spoils)
+    }
+
+    fn lines_with<'w>(
+        &self,
+        name: &str,
+        warnings: &'w [Warning],
+        of: fn(Kind) -> bool,
+    ) -> Vec<BTreeSet<&'w (String, String)>> {
+        let spoilt: Vec<&Warning> = warnings.iter().filter(|w| w.stage == name && of(w.kind)).collect();
         let mut lines: HashMap<Vec<Word>, BTreeSet<&(String, String)>> = HashMap::new();
         for warning in &spoilt {
             let point = self.axes.iter().map(|a| warning.point.get(a).map(Word::of_value)).collect::<Option<Vec<_>>>();
@@ -65,12 +125,14 @@ impl Scores {
         self.rows.get(row).and_then(|(_, values)| values.get(metric).copied().flatten())
     }
 
-    /// The metric that ranks the points: the most telling one that has a value.
+    /// The metric that ranks the points: the most telling one that has a value out of sample or, without any, a value.
     pub fn headline(&self) -> Option<usize> {
-        let has = |m: &usize| (0..self.rows.len()).any(|r| self.value(r, *m).is_some());
+        let has = |m: &usize, fit: bool| {
+            (0..self.rows.len()).any(|r| self.value(r, *m).is_some() && (fit || !self.is_in_sample(r, *m)))
+        };
         let rank = |m: usize| self.metrics[m].shown.rank.map(|rank| (rank, m));
-        let ranking = (0..self.metrics.len()).filter(has).filter_map(rank);
-        ranking.min().map(|(_, m)| m)
+        let ranking = |fit: bool| (0..self.metrics.len()).filter(|m| has(m, fit)).filter_map(rank).min();
+        ranking(false).or_else(|| ranking(true)).map(|(_, m)| m)
     }
 
     /// Whether a row is marked.
@@ -78,27 +140,95 @@ impl Scores {
         self.marks.get(row).is_some_and(|n| *n > 0)
     }
 
-    /// Whether the track of a row is the truth itself, such as that of a Cramér-Rao bound: it has no error, and is no
-    /// answer.
-    pub fn is_truth(&self, row: usize) -> bool {
-        let value = |name: &str| self.metric(name).and_then(|m| self.value(row, m));
-        value("drms") == Some(0.0) && value("ins_drms").is_some_and(|ins| ins > 0.0)
+    /// Whether a row is marked only because its filter is cautious.
+    pub fn is_cautious(&self, row: usize) -> bool {
+        self.cautious.contains(&row)
     }
 
-    /// The rows by a metric, best first, those with a mark and the truth after all others; those without a value are left
-    /// out.
+    /// Whether a row is a Cramér-Rao bound, which is no result.
+    pub fn is_bound(&self, row: usize) -> bool {
+        self.metric("drms_bound").is_some_and(|m| self.value(row, m).is_some())
+    }
+
+    /// Whether the value of a metric at a row is of lines in sample only.
+    pub fn is_in_sample(&self, row: usize, metric: usize) -> bool {
+        self.in_sample.get(row).is_some_and(|lines| lines.metrics.get(metric) == Some(&true))
+    }
+
+    /// Whether all lines of a row are in sample.
+    pub fn is_all_in_sample(&self, row: usize) -> bool {
+        self.in_sample.get(row).is_some_and(|lines| lines.held_out == 0 && lines.lines > 0)
+    }
+
+    /// Whether a row cannot be the best by a metric: it is marked, a bound, or in sample.
+    fn is_excluded(&self, row: usize, metric: usize) -> bool {
+        self.is_marked(row) || self.is_bound(row) || self.is_in_sample(row, metric)
+    }
+
+    /// The rows by a metric, best first; marked ones, bounds and those in sample after all others. Rows without a value
+    /// are left out.
     pub fn ranked(&self, metric: usize) -> Vec<usize> {
         let Some(Metric { better, .. }) = self.metrics.get(metric) else { return vec![] };
-        let last = |r: usize| self.is_marked(r) || self.is_truth(r);
-        let cost = |r: usize| self.value(r, metric).and_then(|v| better.cost(v)).map(|c| (last(r), c, r));
+        let cost = |r: usize| {
+            let cost = self.value(r, metric).and_then(|v| better.cost(v))?;
+            Some((self.is_excluded(r, metric), cost, r))
+        };
         let mut all: Vec<(bool, f64, usize)> = (0..self.rows.len()).filter_map(cost).collect();
         all.sort_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)).then(a.2.cmp(&b.2)));
         all.into_iter().map(|(_, _, r)| r).collect()
     }
 
-    /// The best row by a metric; a marked one is never it, nor the truth.
+    /// The best row by a metric; never a marked one, a bound, or one in sample.
     pub fn best(&self, metric: usize) -> Option<usize> {
-        self.ranked(metric).first().copied().filter(|r| !self.is_marked(*r) && !self.is_truth(*r))
+        self.ranked(metric).first().copied().filter(|r| !self.is_excluded(*r, metric))
+    }
+
+    /// The lines that the rows are pooled over, in words.
+    pub fn over(&self) -> String {
+        let counts = |of: fn(&InSample) -> usize| -> (usize, usize) {
+            let all = self.in_sample.iter().map(of);
+            (all.clone().min().unwrap_or(0), all.max().unwrap_or(0))
+        };
+        let mixed = self.in_sample.iter().any(|row| row.lines > 0 && row.held_out > 0);
+        if !mixed {
+            return if self.lines == 1 { "one line".to_owned() } else { format!("pooled over {} lines", self.lines) };
+        }
+        let held_out = match counts(|row| row.held_out) {
+            (1, 1) => "one held-out line".to_owned(),
+            (least, most) if least == most => format!("pooled over {most} held-out lines"),
+            (least, most) => format!("pooled over {least} to {most} held-out lines"),
+        };
+        let in_sample = match counts(|row| row.lines) {
+            (least, most) if least == most => most.to_string(),
+            (least, most) => format!("{least} to {most}"),
+        };
+        format!("{held_out}, apart from {in_sample} in sample")
+    }
+
+    /// A remark for each axis of numbers where the best point of the leading metric has the first or the last value.
+    pub fn at_edges(&self) -> Vec<String> {
+        let Some((metric, best)) = self.headline().and_then(|m| Some((m, self.best(m)?))) else { return vec![] };
+        (0..self.axes.len()).filter_map(|axis| self.at_edge(axis, metric, best)).collect()
+    }
+
+    fn at_edge(&self, axis: usize, metric: usize, best: usize) -> Option<String> {
+        let (key, _) = self.rows.get(best)?;
+        let others = |other: &[String]| (0..key.len()).all(|a| a == axis || other.get(a) == key.get(a));
+        let along = (0..self.rows.len()).filter(|r| others(&self.rows[*r].0));
+        let points: Vec<(f64, Option<f64>)> = along
+            .map(|r| Some((self.rows[r].0.get(axis)?.parse::<f64>().ok()?, self.value(r, metric))))
+            .collect::<Option<_>>()?;
+        let own: f64 = key.get(axis)?.parse().ok()?;
+        let (low, high) = points.iter().fold((own, own), |(low, high), (x, _)| (low.min(*x), high.max(*x)));
+        let varies = points.iter().any(|(_, value)| *value != self.value(best, metric));
+        let is_edge = points.len() > 2 && low < high && (own == low || own == high) && varies;
+        let name = self.metrics.get(metric)?.name;
+        let axis = self.axes.get(axis)?;
+        is_edge.then(|| {
+            format!(
+                "the best {name} is at the edge of `{axis}`: {own} of {low} to {high}; a better value may lie beyond"
+            )
+        })
     }
 }
 
@@ -110,7 +240,7 @@ enum Word {
 }
 
 impl Word {
-    /// What another program wrote for a value of an axis; of numbers or not.
+    /// A value of an axis as another program writes it; of numbers or not.
     fn of(text: &str, number: bool) -> Word {
         match text.parse::<f64>() {
             // Minus nought is nought.
@@ -143,101 +273,15 @@ impl Values {
     }
 }
 
-/// Reads the score table in `folder`, whose axes are `axes`, and pools its `declared` metrics over the lines.
-///
-/// # Errors
-/// When the table cannot be read.
-pub fn scores(folder: &Path, axes: &[String], declared: &[Metric]) -> Result<Scores, Fault> {
-    let where_it_is = |fault: Fault| Fault {
-        what: format!("cannot read the scores in {}: {}", folder.display(), fault.what),
-        ..fault
+/// The scores of all tables of scores of `plan` that have a row, with the rows marked that `warnings` speaks of.
+pub fn all(plan: &Plan, pooled: &[Pooled], warnings: &[Warning]) -> Vec<(String, Scores)> {
+    let one = |t: usize| {
+        let (mut found, _) = Scores::new(plan, t, pooled);
+        let name = plan.table_name(t);
+        found.mark(name, warnings);
+        (!found.rows.is_empty()).then(|| (name.to_owned(), found))
     };
-    pool(folder, axes, declared).map_err(where_it_is)
-}
-
-/// The scores of all published tables of scores of `plan`, whose tables are in `folder`, with the rows marked that
-/// `warnings` speaks of. A table that is not there or cannot be read is left out, as is one without a row.
-pub fn all(plan: &Plan, folder: &Path, warnings: &[Warning]) -> Vec<(String, Scores)> {
-    let of_score = plan.tables.iter().filter(|t| t.entry.name == "score");
-    let read = of_score.filter_map(|node| {
-        let axes: Vec<String> =
-            node.axes.iter().filter_map(|i| plan.spec.axes.get(*i)).map(|a| a.name.clone()).collect();
-        let mut found =
-            scores(&folder.join(&node.name), &axes, &node.entry.metrics).ok().filter(|s| !s.rows.is_empty())?;
-        found.mark(&node.name, warnings);
-        Some((node.name.clone(), found))
-    });
-    read.collect()
-}
-
-/// The groups of a long table, in the order in which they first appear.
-struct Groups {
-    /// The text of the columns in each.
-    keys: Vec<Vec<String>>,
-    /// Its rows.
-    rows: Vec<Vec<usize>>,
-}
-
-impl Groups {
-    /// By the text of `columns`.
-    fn by(columns: &[StringArray]) -> Groups {
-        let mut groups = Groups { keys: vec![], rows: vec![] };
-        let mut places: HashMap<Vec<&str>, usize> = HashMap::new();
-        for row in 0..columns.first().map_or(0, Array::len) {
-            let key: Vec<&str> = columns.iter().map(|c| if c.is_null(row) { "" } else { c.value(row) }).collect();
-            let place = *places.entry(key).or_insert_with_key(|key| {
-                groups.keys.push(key.iter().map(|word| (*word).to_owned()).collect());
-                groups.rows.push(vec![]);
-                groups.rows.len() - 1
-            });
-            groups.rows[place].push(row);
-        }
-        groups
-    }
-}
-
-fn pool(folder: &Path, axes: &[String], declared: &[Metric]) -> Result<Scores, Fault> {
-    let names: Vec<&str> = axes.iter().map(String::as_str).chain(["metric", "flight", "line", "value", "n"]).collect();
-    let all = published(folder, &names)?.ok_or_else(|| Fault::machine("the table was not published"))?;
-    let column = |name: &str, as_type: &DataType| {
-        let lacking = || Fault::machine(format!("there is no column `{name}` of {as_type}"));
-        cast(all.column_by_name(name).ok_or_else(lacking)?, as_type).map_err(|_| lacking())
-    };
-    let text = |name: &str| Ok::<StringArray, Fault>(column(name, &DataType::Utf8)?.as_string::<i32>().clone());
-    let number =
-        |name: &str| Ok::<Float64Array, Fault>(column(name, &DataType::Float64)?.as_primitive::<Float64Type>().clone());
-    let lines = Groups::by(&[text("flight")?, text("line")?]).rows.len();
-    let points = names[..=axes.len()].iter().map(|name| text(name)).collect::<Result<Vec<_>, _>>()?;
-    let (groups, value, n) = (Groups::by(&points), number("value")?, number("n")?);
-    let one = |(key, rows): (&Vec<String>, &Vec<usize>)| {
-        let pool = declared.iter().find(|m| key.last().is_some_and(|name| m.name == name))?.pool;
-        let given = rows.iter().filter(|i| value.is_valid(**i) && n.is_valid(**i));
-        Some(pool.value(given.map(|i| (value.value(*i), n.value(*i))))).filter(|v| !v.is_nan())
-    };
-    let pooled: Vec<Option<f64>> = groups.keys.iter().zip(&groups.rows).map(one).collect();
-    let mut shown: Vec<Metric> = declared.iter().copied().filter(|m| m.shown.column.is_some()).collect();
-    shown.sort_by_key(|m| m.shown.column);
-    let empty = Scores { axes: axes.to_vec(), metrics: vec![], rows: vec![], lines, marks: vec![] };
-    Ok(gather(&groups.keys, &pooled, &shown, empty))
-}
-
-/// Long to wide: points in the order in which they first appear, of the metrics to be `shown` those that have a value.
-/// The last word of each group is its metric.
-fn gather(groups: &[Vec<String>], pooled: &[Option<f64>], shown: &[Metric], mut scores: Scores) -> Scores {
-    let found = || groups.iter().filter_map(|key| key.split_last()).zip(pooled);
-    let has_value = |m: &Metric| found().any(|((name, _), value)| name == m.name && value.is_some());
-    scores.metrics = shown.iter().copied().filter(has_value).collect();
-    let mut places: HashMap<Vec<String>, usize> = HashMap::new();
-    for ((name, key), value) in found() {
-        let Some(at) = scores.metric(name) else { continue };
-        let row = *places.entry(key.to_vec()).or_insert_with_key(|key| {
-            scores.rows.push((key.clone(), vec![None; scores.metrics.len()]));
-            scores.rows.len() - 1
-        });
-        scores.rows[row].1[at] = *value;
-    }
-    scores.marks = vec![0; scores.rows.len()];
-    scores
+    pooled::tables(plan).filter_map(one).collect()
 }
 
 /// Metrics of the stage `score`, for tests.

@@ -150,6 +150,11 @@ pub trait FitModel: Send + Sync {
         self.is_ridge()
     }
 
+    /// A warning about an answer for `terms` columns; `None` where nothing is wrong.
+    fn remark(&self, _answer: &Answer, _terms: usize) -> Option<String> {
+        None
+    }
+
     /// Whether it is one point on the path of ridges that the points of a sweep share.
     fn is_ridge(&self) -> bool {
         false

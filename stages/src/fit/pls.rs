@@ -18,9 +18,10 @@ model! {
     /// with the target, of columns without their means. Together with `with_targets` the components are common ones.
     ///
     /// Source: Wold, Sjöström and Eriksson 2001; thesis 000, (3.19) to (3.43).
-    PartialLeastSquares = "pls", version 1, scaling Standardise, intercept true, made of Moments,
+    PartialLeastSquares = "pls", version 2, scaling Standardise, intercept true, made of Moments,
     choose [Given, LeaveOneLineOut, LeaveOneFlightOut], takes [one_standard_error, whiten], example "components = 6";
-    /// How many components, the most of them where they are chosen.
+    /// How many components, the most of them where they are chosen. As many as there are terms are ordinary least
+    /// squares, which the fit warns about.
     components: usize, unit "", default 18usize, rule Rule::Between(1.0, 10000.0);
     /// Further columns that are explained together with `target`, by common components; the table holds the coefficients
     /// of `target`.
@@ -54,6 +55,12 @@ impl FitModel for PartialLeastSquares {
     fn with_targets(&self) -> &[String] {
         &self.with_targets
     }
+
+    fn remark(&self, answer: &Answer, terms: usize) -> Option<String> {
+        let all = answer.chosen >= terms as f64;
+        let what = "components of as many terms are ordinary least squares: take fewer `components`";
+        all.then(|| format!("{} {what}", answer.chosen))
+    }
 }
 
 #[cfg(test)]
@@ -66,6 +73,12 @@ mod tests {
         let truth = COEFFICIENTS.into_iter().chain([INTERCEPT_NT]);
         assert!(found.value.iter().zip(truth).all(|(a, b)| (a - b).abs() < 1e-8 * b.abs()), "{:?}", found.value);
         assert_eq!(found.chosen, 3.0);
+        assert!(
+            found.warning.contains("3 components of as many terms are ordinary least squares"),
+            "{}",
+            found.warning
+        );
+        assert_eq!(fitted("pls", &[whole("components", 2)]).warning, "");
     }
 
     #[test]

@@ -71,6 +71,7 @@ pub fn solve(problem: &mut Problem, point: &Point) -> Result<Solved, Fault> {
     let (prepared, excited) = problem.prepared(&point.settings)?;
     let answer = point.model.fit(problem, &point.settings, &prepared)?;
     let trivial = problem.trivial(&answer.fit, answer.chosen)?;
+    let remark = point.model.remark(&answer, problem.terms.len());
     let approximation_bound_nt = problem.approximation_bound_nt(&answer.fit);
     let used = problem.merged.rows();
     let (fit, std, terms) = match &problem.components {
@@ -93,11 +94,17 @@ pub fn solve(problem: &mut Problem, point: &Point) -> Result<Solved, Fault> {
         trivial_share: trivial.as_ref().map_or(f64::NAN, |t| t.share),
         lines: problem.lines.join(", "),
         rate_hz: problem.rate_hz,
-        warning: warning(point, &excited, trivial.as_ref(), &problem.unused),
+        warning: warning(point, &excited, trivial.as_ref(), remark, &problem.unused),
     })
 }
 
-fn warning(point: &Point, excited: &Excitation, trivial: Option<&TrivialSolution>, unused: &str) -> String {
+fn warning(
+    point: &Point,
+    excited: &Excitation,
+    trivial: Option<&TrivialSolution>,
+    remark: Option<String>,
+    unused: &str,
+) -> String {
     let nothing_given = point.settings.choose == Choose::Given && point.model.lambda() == Some(0.0);
     let weak = excited.message().filter(|_| nothing_given);
     let trivial = trivial.filter(|t| t.is_trivial()).map(|t| {
@@ -106,7 +113,7 @@ fn warning(point: &Point, excited: &Excitation, trivial: Option<&TrivialSolution
             100.0 * t.share
         )
     });
-    weak.into_iter().chain(trivial).chain(too_short(unused)).collect::<Vec<_>>().join("; ")
+    weak.into_iter().chain(trivial).chain(remark).chain(too_short(unused)).collect::<Vec<_>>().join("; ")
 }
 
 fn too_short(unused: &str) -> Option<String> {

@@ -13,7 +13,10 @@ use schemas::{Column, Fault};
 use super::aiding::{Aiding, both};
 use super::filter::{Flight, Flown, NavigationFilter, Track, filter, state_columns};
 use super::further::{Further, updates};
-use crate::columns::{data, floats, list};
+use crate::columns::{array, data, floats, list};
+
+/// The column of the bound.
+pub(crate) const DRMS_BOUND: &str = "drms_bound";
 
 /// The truth that it reads of the flight, beside what every filter is handed.
 const TRUTH: [(&str, &str); 3] = [("lat", "deg"), ("lon", "deg"), ("alt", "m")];
@@ -23,12 +26,13 @@ filter! {
     /// `lon`, `alt`), evaluates the filter's covariance there, and needs no estimate. Beside another filter's track it
     /// tells whether an error is the filter's or the flight's.
     ///
-    /// The estimate is the truth: what `score` makes of its positions is 0, and its `sd_n`, `sd_e` are the bound.
+    /// It has no estimate: its positions are the truth, `score` gives no error for them, and its `sd_n`, `sd_e` and
+    /// `drms_bound` are the bound. The metric `drms_bound` is the bound over the line, which is never the best point.
     /// `residual` is the measurement minus the field at the truth, and `nis` its square over the variance that the
     /// noise keys give it: its mean says whether they are those of the data. `vn`, `ve`, `vd` are the INS's.
     ///
     /// Source: Tichavský, Muravchik & Nehorai 1998; MagNav.jl's `crlb`, with which it agrees to 8 digits.
-    Crlb = "crlb", version 1, groups [aiding: Aiding, further: Further], example "discretisation = \"trapezoidal\"";
+    Crlb = "crlb", version 2, groups [aiding: Aiding, further: Further], example "discretisation = \"trapezoidal\"";
     /// How the process noise becomes a step's covariance: to second order, to first order as MagNav.jl, or exactly.
     discretisation: NoiseDiscretisation, unit "", default NoiseDiscretisation::Trapezoidal;
     /// Append the covariance `p` (row-major).
@@ -52,9 +56,10 @@ impl NavigationFilter for Crlb {
     }
 
     fn columns(&self, _: &Flight) -> Vec<Column> {
+        let bound = Column::float(DRMS_BOUND, "m", "least root mean square horizontal error of any filter");
         // There is no state.
         let state = state_columns().into_iter().filter(|column| self.save_state && column.name == "p");
-        state.chain(self.further.columns()).collect()
+        [bound].into_iter().chain(state).chain(self.further.columns()).collect()
     }
 
     fn aiding(&self) -> Option<&Aiding> {
@@ -75,8 +80,10 @@ impl NavigationFilter for Crlb {
         let [lat_deg, lon_deg, alt_m] = [lat_deg?, lon_deg?, alt_m?];
         let path = TruePath { lat_deg, lon_deg, alt_m, velocity_ned_mps: None };
         let covariances = |out: &mut NavigationOutput| -> Result<Vec<ArrayRef>, Fault> {
+            let bound = out.sd_n_m.iter().zip(&out.sd_e_m).map(|(north, east)| north.hypot(*east)).collect();
             let p = std::mem::take(&mut out.p).into_flattened().into_flattened();
-            Ok(if self.save_state { vec![list(p, STATES * STATES)?] } else { vec![] })
+            let p = if self.save_state { Some(list(p, STATES * STATES)?) } else { None };
+            Ok([array(bound)].into_iter().chain(p).collect())
         };
         if self.further.is_any() {
             let measured = self.further.measured(flown)?;
@@ -102,6 +109,8 @@ mod tests {
         let (bound, ekf) = (run("crlb", "mag = 'mag_1_c'\nsave_state = true"), run("ekf", "mag = 'mag_1_c'"));
         assert!((0..ROWS).all(|row| bound.error_m(row) < 1e-6));
         assert!(!bound.has("x") && bound.numbers("p").len() == 324 * ROWS);
+        let (north, east, both) = (bound.numbers("sd_n"), bound.numbers("sd_e"), bound.numbers("drms_bound"));
+        assert!((0..ROWS).all(|row| both[row] == north[row].hypot(east[row])));
         // The map is linearised somewhere else than at the truth, by some of the filter's error.
         let (sd, ekf) = (bound.numbers("sd_n"), ekf.numbers("sd_n"));
         let (first, last, of_ekf) = (sd[0], sd[ROWS - 1], ekf[ROWS - 1]);

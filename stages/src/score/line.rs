@@ -43,6 +43,7 @@ pub struct Line<'a> {
     error: Lazy<Summary>,
     signals: Lazy<Signals>,
     track_error: Lazy<Offsets>,
+    radii: Lazy<Vec<f64>>,
     map_error: Lazy<Summary>,
 }
 
@@ -50,7 +51,8 @@ impl<'a> Line<'a> {
     /// The columns of `line`, of which `places` says where they are.
     pub fn new(stage: &'a Score, line: &'a LineIn, places: &'a Places) -> Line<'a> {
         let (error, signals) = (Lazy::new(), Lazy::new());
-        Line { stage, line, places, error, signals, track_error: Lazy::new(), map_error: Lazy::new() }
+        let (track_error, radii, map_error) = (Lazy::new(), Lazy::new(), Lazy::new());
+        Line { stage, line, places, error, signals, track_error, radii, map_error }
     }
 
     /// The times of the samples, in s.
@@ -101,7 +103,8 @@ impl<'a> Line<'a> {
     /// # Errors
     /// When the line lacks a track, or the track has no text in `update`.
     pub fn updates(&self) -> Result<&StringArray, Fault> {
-        let track = &self.line.inputs[self.place(Source::Track)?.table];
+        let place = self.places.get(Source::Track).map_or_else(|| self.place(Source::Innovations), Ok)?;
+        let track = &self.line.inputs[place.table];
         let updates = track.column_by_name("update").and_then(|a| a.as_string_opt::<i32>());
         updates.ok_or_else(|| Fault::data("the track does not say what became of its measurements").in_column("update"))
     }
@@ -190,12 +193,36 @@ impl<'a> Line<'a> {
         })
     }
 
-    /// The track minus the true positions.
+    /// The track minus the true positions; NaN for the track of a bound, which is the truth itself.
     ///
     /// # Errors
     /// As [`Line::named`] for the track, and as [`Line::position`].
     pub fn track_error(&self) -> Result<&Offsets, Fault> {
-        known(&self.track_error, || self.offsets(self.named(Source::Track, "lat")?, self.named(Source::Track, "lon")?))
+        known(&self.track_error, || {
+            let Offsets { north_m, east_m } =
+                self.offsets(self.named(Source::Track, "lat")?, self.named(Source::Track, "lon")?)?;
+            Ok(Offsets { north_m: self.unless_bound(north_m), east_m: self.unless_bound(east_m) })
+        })
+    }
+
+    /// Errors of a track; NaN where the track is that of a bound, which has no estimate.
+    pub fn unless_bound(&self, errors: Vec<f64>) -> Vec<f64> {
+        if self.places.get(Source::Bound).is_some() { vec![f64::NAN; errors.len()] } else { errors }
+    }
+
+    /// The horizontal distances of the track from the truth, in m, sorted; unknown ones are left out.
+    ///
+    /// # Errors
+    /// As [`Line::track_error`].
+    pub fn radii(&self) -> Result<&[f64], Fault> {
+        let radii = known(&self.radii, || {
+            let Offsets { north_m, east_m } = self.track_error()?;
+            let mut radii: Vec<f64> = north_m.iter().zip(east_m).map(|(n, e)| n.hypot(*e)).collect();
+            radii.retain(|radius| radius.is_finite());
+            radii.sort_by(f64::total_cmp);
+            Ok(radii)
+        })?;
+        Ok(radii)
     }
 
     /// Positions minus the true ones.

@@ -23,7 +23,7 @@ metric! {
 
 metric! {
     /// mean of the compensated signal, less core field and diurnal variation, minus the map
-    MAP_BIAS_ERROR = "map_bias_error", unit "nT", pool Rms, better Neither,
+    MAP_BIAS_ERROR = "map_bias_error", unit "nT", pool Mean, better Neither,
     needs [Map, Signal, Core], uses [Diurnal];
     |line| line.map_error().map(|e| Figure { value: e.mean, n: e.n })
 }

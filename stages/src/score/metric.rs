@@ -20,7 +20,12 @@ pub struct Scorer {
     pub uses: &'static [Source],
     /// Its value.
     pub score: fn(&Line) -> Result<Figure, Fault>,
+    /// The sorted samples that it is a quantile of, by which lines are pooled.
+    pub spread: Option<Spread>,
 }
+
+/// The sorted samples of a line that a metric is a quantile of.
+pub type Spread = for<'l> fn(&'l Line) -> Result<&'l [f64], Fault>;
 
 impl Kind for Scorer {
     type Keys = ();
@@ -47,13 +52,14 @@ impl Scorer {
 }
 
 /// Declares a [`Scorer`]: its meaning (a sentence without its full stop), name, unit, how lines are pooled, which values
-/// are good, where it is shown (nowhere, when left out), what it needs and uses, and its value.
+/// are good, where it is shown (default: nowhere), the samples that it is a quantile of (default: none), what it needs
+/// and uses, and its value.
 #[macro_export]
 macro_rules! metric {
     (
         $(#[doc = $doc:literal])+
-        $NAME:ident = $name:literal, $(version $v:literal,)? unit $unit:literal, pool $pool:ident, better $better:ident $(($target:literal))?,
-        $(shown $shown:expr,)? needs [$($need:ident $(($need_column:literal))?),+]
+        $NAME:ident = $name:literal, $(version $v:literal,)? unit $unit:literal, pool $pool:ident $(($percent:literal))?, better $better:ident $(($target:literal))?,
+        $(shown $shown:expr,)? $(spread $spread:expr,)? needs [$($need:ident $(($need_column:literal))?),+]
         $(, uses [$($use:ident $(($use_column:literal))?),+])?;
         $score:expr
     ) => {
@@ -63,7 +69,7 @@ macro_rules! metric {
                 name: $name,
                 unit: $unit,
                 meaning: concat!($($doc),+).trim_ascii(),
-                pool: schemas::metric::Pool::$pool,
+                pool: schemas::metric::Pool::$pool $(($percent))?,
                 better: schemas::metric::Better::$better $(($target))?,
                 shown: [$($shown,)? schemas::metric::Shown::NOWHERE][0],
             },
@@ -71,6 +77,7 @@ macro_rules! metric {
             needs: &[$($crate::score::Source::$need $(($need_column))?),+],
             uses: &[$($($crate::score::Source::$use $(($use_column))?),+)?],
             score: $score,
+            spread: [$(Some($spread as $crate::score::Spread),)? None][0],
         };
     };
 }

@@ -16,10 +16,17 @@ pub const SCORERS: &[&Scorer] = &[
     &signal::FIGURE_OF_MERIT,
     &signal::FIGURE_OF_MERIT_CROSSINGS,
     &track::DRMS,
+    &track::DRMS_BOUND,
     &track::CEP,
     &track::R95,
     &track::RMS_NORTH,
     &track::RMS_EAST,
+    &track::RMS_DOWN,
+    &track::MRSE,
+    &track::RMS_VN,
+    &track::RMS_VE,
+    &track::RMS_VD,
+    &track::RMS_SPEED,
     &track::INS_DRMS,
     &track::NEES,
     &track::NIS,
@@ -80,9 +87,18 @@ mod tests {
     }
 
     #[test]
-    fn law_errors_in_a_unit_pool_by_squares() {
-        for m in SCORERS.iter().map(|s| &s.metric).filter(|m| m.pool != Pool::Sum) {
-            assert_eq!(m.pool == Pool::Rms, m.unit != "1", "{}", m.name);
+    fn law_errors_in_a_unit_pool_by_squares_radii_by_their_samples_and_signed_errors_by_means() {
+        for (m, spread) in SCORERS.iter().map(|s| (&s.metric, s.spread)) {
+            let pool = match m.name {
+                "cep" => Pool::Quantile(50),
+                "r95" => Pool::Quantile(95),
+                "bias_error" | "map_bias_error" => Pool::Mean,
+                name if name.starts_with("samples_") => Pool::Sum,
+                _ if m.unit == "1" => Pool::Mean,
+                _ => Pool::Rms,
+            };
+            assert_eq!(m.pool, pool, "{}", m.name);
+            assert_eq!(spread.is_some(), matches!(pool, Pool::Quantile(_)), "{}", m.name);
         }
     }
 
@@ -109,11 +125,17 @@ mod tests {
             ("map_grad_e", wave(0.5)),
             (FLOWN[0], lat.clone()),
             (FLOWN[1], lon.clone()),
+            ("true alt", seconds(400, |t| 299.0 + (0.3 * t).sin())),
+            ("true vn", seconds(400, |_| 50.0)),
+            ("true ve", seconds(400, |t| 3.0 * (0.1 * t).sin())),
+            ("true vd", seconds(400, |_| 0.0)),
             ("ins_lat", lat.iter().map(|x| x + 1e-3).collect()),
             ("ins_lon", lon.clone()),
         ];
         let mut track = track(lat.iter().map(|x| x + 1e-4).collect(), lon);
         track.extend([("map_height_error", wave(0.6)), ("residual", wave(0.7)), ("map_slope", wave(0.8))]);
+        let velocity = [("vn", seconds(400, |_| 51.0)), ("ve", wave(0.1)), ("vd", wave(0.2))];
+        track.extend(velocity);
         line(&[flown, track])
     }
 
@@ -136,8 +158,9 @@ mod tests {
     fn law_a_metric_is_the_same_alone_and_in_company() {
         let line = everything();
         let all = scored(&score(), &line);
-        assert_eq!(all.len(), SCORERS.len());
-        assert!(all.iter().zip(SCORERS).all(|((name, _), scorer)| *name == scorer.metric.name));
+        // A track has errors or is a bound.
+        let names: Vec<&str> = SCORERS.iter().map(|s| s.metric.name).filter(|name| *name != "drms_bound").collect();
+        assert_eq!(all.iter().map(|(name, _)| *name).collect::<Vec<_>>(), names);
         for (name, figure) in all {
             let alone = scored(&Score { metrics: only(name), ..score() }, &line);
             assert_eq!(alone.len(), 1, "{name}");

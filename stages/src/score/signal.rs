@@ -31,7 +31,7 @@ metric! {
 
 metric! {
     /// mean of compensated minus truth
-    BIAS_ERROR = "bias_error", unit "nT", pool Rms, better Neither, needs [Signal, Truth];
+    BIAS_ERROR = "bias_error", unit "nT", pool Mean, better Neither, needs [Signal, Truth];
     |line| line.error().map(|e| Figure { value: e.mean, n: e.n })
 }
 

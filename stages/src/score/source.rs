@@ -3,7 +3,7 @@
 use schemas::{Role, Shape};
 
 use super::Score;
-use crate::navigate::{GNSS_UPDATE, MAP_HEIGHT_ERROR, MAP_SLOPE};
+use crate::navigate::{DRMS_BOUND, GNSS_UPDATE, MAP_HEIGHT_ERROR, MAP_SLOPE};
 
 /// A column, or several that belong together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -28,10 +28,18 @@ pub enum Source {
     Map,
     /// True latitude and longitude.
     Position,
-    /// The same of the INS.
+    /// True height.
+    Height,
+    /// True velocity north, east and down.
+    Velocity,
+    /// The latitude and longitude of the INS.
     Ins,
     /// The track of a filter.
     Track,
+    /// Its velocity north, east and down.
+    TrackVelocity,
+    /// The bound of its horizontal error, which has no estimate.
+    Bound,
     /// Its innovations: in nT, and squared over their variance.
     Innovations,
     /// The slope of the map along a track.
@@ -56,7 +64,7 @@ pub struct Place {
 
 impl Source {
     /// All but single columns, in the order in which they are read.
-    const ALL: [Source; 15] = [
+    const ALL: [Source; 19] = [
         Source::Signal,
         Source::Aircraft,
         Source::Truth,
@@ -67,8 +75,12 @@ impl Source {
         Source::Attitude,
         Source::Map,
         Source::Position,
+        Source::Height,
+        Source::Velocity,
         Source::Ins,
         Source::Track,
+        Source::TrackVelocity,
+        Source::Bound,
         Source::Innovations,
         Source::Slope,
         Source::Gnss,
@@ -93,6 +105,10 @@ impl Source {
             Source::Attitude => of(&["roll", "pitch", "yaw"]).or_else(|| of(&["ins_roll", "ins_pitch", "ins_yaw"])),
             Source::Map => of(&["map_anomaly", "map_grad_n", "map_grad_e"]),
             Source::Position => of_role(&["lat", "lon"], Some(Role::Truth)),
+            Source::Height => of_role(&["alt"], Some(Role::Truth)),
+            Source::Velocity => of_role(&["vn", "ve", "vd"], Some(Role::Truth)),
+            Source::TrackVelocity => of_role(&["vn", "ve", "vd"], Some(Role::Derived)),
+            Source::Bound => of(&[DRMS_BOUND]),
             Source::Ins => of(&["ins_lat", "ins_lon"]),
             Source::Column(name) => of(&[name]),
             Source::Track => of(&["lat", "lon", "alt", "sd_n", "sd_e", "cov_ne", "nis", "update"]),
@@ -115,11 +131,14 @@ impl Source {
             Source::Attitude => "roll, pitch and yaw".to_owned(),
             Source::Map => "a table of `map_value`".to_owned(),
             Source::Position => "true positions `lat` and `lon`".to_owned(),
+            Source::Height => "true heights `alt`".to_owned(),
+            Source::Velocity => "true velocities `vn`, `ve` and `vd`".to_owned(),
+            Source::Bound => "a track of the filter `crlb`".to_owned(),
             Source::Ins => "`ins_lat` and `ins_lon`".to_owned(),
             Source::Column(name) => format!("a table with `{name}`"),
             Source::Gnss => "a track of `navigate` with `gnss_lost_s`".to_owned(),
             Source::Slope => "a track of `navigate` with `flat_over_m`".to_owned(),
-            Source::Track | Source::Innovations => "a track of `navigate`".to_owned(),
+            Source::Track | Source::TrackVelocity | Source::Innovations => "a track of `navigate`".to_owned(),
         }
     }
 }

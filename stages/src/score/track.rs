@@ -14,32 +14,87 @@ use super::{line::Line, metric::metric, source::Source};
 metric! {
     /// distance root mean square: the root of the mean squared horizontal error of the track, about the truth
     DRMS = "drms", unit "m", pool Rms, better Lower,
-    shown Shown::column(100, 150).rank(10).heat_map(), needs [Track, Position];
+    shown Shown::column(100, 150).rank(10).heat_map(), needs [Track, Position], uses [Bound];
     |line| line.track_error().map(|e| statistics::drms(&e.north_m, &e.east_m))
 }
 
 metric! {
+    /// bound: least drms that any filter with the models of `crlb` could have; no filter's result
+    DRMS_BOUND = "drms_bound", unit "m", pool Rms, better Neither,
+    shown Shown::column(105, 105), needs [Bound];
+    |line| Ok(statistics::rms(line.column(Source::Bound)?))
+}
+
+metric! {
     /// circular error probable: the radius about the truth that holds half of the samples of the track
-    CEP = "cep", unit "m", pool Rms, better Lower, needs [Track, Position];
+    CEP = "cep", unit "m", pool Quantile(50), better Lower, spread radii,
+    needs [Track, Position], uses [Bound];
     |line| radius(line, 0.5)
 }
 
 metric! {
     /// radius about the truth that holds 95 % of the samples of the track
-    R95 = "r95", unit "m", pool Rms, better Lower, needs [Track, Position];
+    R95 = "r95", unit "m", pool Quantile(95), better Lower, spread radii,
+    needs [Track, Position], uses [Bound];
     |line| radius(line, 0.95)
 }
 
 metric! {
     /// root mean square error north
-    RMS_NORTH = "rms_north", unit "m", pool Rms, better Lower, needs [Track, Position];
+    RMS_NORTH = "rms_north", unit "m", pool Rms, better Lower, needs [Track, Position], uses [Bound];
     |line| line.track_error().map(|e| statistics::rms(&e.north_m))
 }
 
 metric! {
     /// root mean square error east
-    RMS_EAST = "rms_east", unit "m", pool Rms, better Lower, needs [Track, Position];
+    RMS_EAST = "rms_east", unit "m", pool Rms, better Lower, needs [Track, Position], uses [Bound];
     |line| line.track_error().map(|e| statistics::rms(&e.east_m))
+}
+
+metric! {
+    /// root mean square error of the height
+    RMS_DOWN = "rms_down", unit "m", pool Rms, better Lower, needs [Track, Height], uses [Bound];
+    |line| down_error(line).map(|down_m| statistics::rms(&down_m))
+}
+
+metric! {
+    /// mean radial spherical error: the root of the mean squared error of the position in three dimensions
+    MRSE = "mrse", unit "m", pool Rms, better Lower, needs [Track, Position, Height], uses [Bound];
+    |line| {
+        let (e, down_m) = (line.track_error()?, down_error(line)?);
+        let horizontal: Vec<f64> = e.north_m.iter().zip(&e.east_m).map(|(n, e)| n.hypot(*e)).collect();
+        Ok(statistics::drms(&horizontal, &down_m))
+    }
+}
+
+metric! {
+    /// root mean square error of the velocity north
+    RMS_VN = "rms_vn", unit "m/s", pool Rms, better Lower, needs [TrackVelocity, Velocity], uses [Bound];
+    |line| velocity_error(line, 0)
+}
+
+metric! {
+    /// root mean square error of the velocity east
+    RMS_VE = "rms_ve", unit "m/s", pool Rms, better Lower, needs [TrackVelocity, Velocity], uses [Bound];
+    |line| velocity_error(line, 1)
+}
+
+metric! {
+    /// root mean square error of the velocity down
+    RMS_VD = "rms_vd", unit "m/s", pool Rms, better Lower, needs [TrackVelocity, Velocity], uses [Bound];
+    |line| velocity_error(line, 2)
+}
+
+metric! {
+    /// root mean square error of the ground speed
+    RMS_SPEED = "rms_speed", unit "m/s", pool Rms, better Lower, needs [TrackVelocity, Velocity], uses [Bound];
+    |line| {
+        let [track, truth] = [Source::TrackVelocity, Source::Velocity].map(|source| line.columns(source));
+        let (track, truth) = (track?, truth?);
+        let speed = |v: &[&[f64]], i: usize| v[0][i].hypot(v[1][i]);
+        let error = |i: usize| speed(&track, i) - speed(&truth, i);
+        Ok(statistics::rms(&line.unless_bound((0..truth[0].len()).map(error).collect())))
+    }
 }
 
 metric! {
@@ -56,23 +111,24 @@ metric! {
     /// mean normalised estimation error squared e'P^-1e of the horizontal position; 2 for a consistent filter, more for
     /// one that trusts itself too much, less for one that is too cautious
     NEES = "nees", unit "1", pool Mean, better Near(2.0),
-    shown Shown::column(110, 110), needs [Track, Position];
+    shown Shown::column(110, 110), needs [Track, Position], uses [Bound];
     |line| Ok(statistics::mean(&position_nees(line)?))
 }
 
 metric! {
-    /// mean normalised innovation squared; 1 for a consistent filter, more for one that trusts itself too much, less for
+    /// mean normalised innovation squared of the measurements that the gate did not reject; 1 for a consistent filter, more for one that trusts itself too much, less for
     /// one that is too cautious
     NIS = "nis", unit "1", pool Mean, better Near(1.0),
     shown Shown::column(120, 120).rank(70), needs [Track];
-    |line| Ok(statistics::mean(line.named(Source::Track, "nis")?))
+    |line| Ok(statistics::mean(&ungated(line, line.named(Source::Track, "nis")?)?))
 }
 
 metric! {
     /// whether the mean `nees` is within its chi-square 95 % band, 1 or 0 a line, for as many independent samples as its
     /// autocorrelation leaves; 0.95 on average for a consistent filter. A line of a few correlation times of the error
     /// alone has too narrow a band
-    NEES_CONSISTENT = "nees_consistent", unit "1", pool Mean, better Higher, needs [Track, Position];
+    NEES_CONSISTENT = "nees_consistent", unit "1", pool Mean, better Higher,
+    needs [Track, Position], uses [Bound];
     |line| Ok(consistency::within_chi_square_band(&position_nees(line)?, 2.0))
 }
 
@@ -80,7 +136,9 @@ metric! {
     /// whether the mean `nis` is within its chi-square 95 % band, 1 or 0 a line, for as many independent samples as its
     /// autocorrelation leaves; 0.95 on average for a consistent filter
     NIS_CONSISTENT = "nis_consistent", unit "1", pool Mean, better Higher, needs [Track];
-    |line| Ok(consistency::within_chi_square_band(line.named(Source::Track, "nis")?, 1.0))
+    |line| {
+        Ok(consistency::within_chi_square_band(&ungated(line, line.named(Source::Track, "nis")?)?, 1.0))
+    }
 }
 
 metric! {
@@ -91,20 +149,22 @@ metric! {
         let of = |name| line.named(Source::Innovations, name);
         let normalised = |(residual, nis): (&f64, &f64)| nis.sqrt().copysign(*residual);
         let normalised: Vec<f64> = of("residual")?.iter().zip(of("nis")?).map(normalised).collect();
-        Ok(consistency::whiteness(&normalised, 20))
+        Ok(consistency::whiteness(&ungated(line, &normalised)?, 20))
     }
 }
 
 metric! {
     /// share of the samples whose true position is within the track's three-sigma ellipse; 0.989 for a consistent filter
-    ERROR_WITHIN_3SIGMA = "error_within_3sigma", unit "1", pool Mean, better Near(0.989), needs [Track, Position];
+    ERROR_WITHIN_3SIGMA = "error_within_3sigma", unit "1", pool Mean, better Near(0.989),
+    needs [Track, Position], uses [Bound];
     |line| Ok(share(&position_nees(line)?, |nees| nees <= 9.0))
 }
 
 metric! {
     /// share of the samples whose true position is outside the track's five-sigma ellipse, where the filter has lost the
     /// truth without knowing; 0.000004 for a consistent filter
-    DIVERGENCE = "divergence", unit "1", pool Mean, better Lower, needs [Track, Position];
+    DIVERGENCE = "divergence", unit "1", pool Mean, better Lower,
+    needs [Track, Position], uses [Bound];
     |line| Ok(share(&position_nees(line)?, |nees| nees > 25.0))
 }
 
@@ -156,13 +216,35 @@ fn position_nees(line: &Line) -> Result<Vec<f64>, Fault> {
     Ok(statistics::position_nees(&e.north_m, &e.east_m, sd_n, sd_e, cov_ne))
 }
 
+/// The samples that a radius is a quantile of.
+fn radii<'l>(line: &'l Line) -> Result<&'l [f64], Fault> {
+    line.radii()
+}
+
 /// The radius about the truth that holds a part of the samples.
 fn radius(line: &Line, part: f64) -> Result<Figure, Fault> {
-    let e = line.track_error()?;
-    let mut radii: Vec<f64> = e.north_m.iter().zip(&e.east_m).map(|(n, e)| n.hypot(*e)).collect();
-    radii.retain(|radius| radius.is_finite());
-    radii.sort_by(f64::total_cmp);
-    Ok(Figure { value: statistics::quantile(&radii, part), n: radii.len() })
+    let radii = line.radii()?;
+    Ok(Figure { value: statistics::quantile(radii, part), n: radii.len() })
+}
+
+/// Height of the track minus the true one, in m.
+fn down_error(line: &Line) -> Result<Vec<f64>, Fault> {
+    let (track, truth) = (line.named(Source::Track, "alt")?, line.column(Source::Height)?);
+    Ok(line.unless_bound(track.iter().zip(truth).map(|(track, truth)| track - truth).collect()))
+}
+
+/// The error of one component of the velocity: north, east or down.
+fn velocity_error(line: &Line, component: usize) -> Result<Figure, Fault> {
+    let (track, truth) = (line.columns(Source::TrackVelocity)?, line.columns(Source::Velocity)?);
+    let error = track[component].iter().zip(truth[component]).map(|(track, truth)| track - truth);
+    Ok(statistics::rms(&line.unless_bound(error.collect())))
+}
+
+/// The values with NaN where the gate rejected the measurement.
+fn ungated(line: &Line, values: &[f64]) -> Result<Vec<f64>, Fault> {
+    let gated = |word: Option<&str>| word == Some(Update::Gated.word());
+    let known = |(value, word): (&f64, Option<&str>)| if gated(word) { f64::NAN } else { *value };
+    Ok(values.iter().zip(line.updates()?).map(known).collect())
 }
 
 /// The share of the finite values that are so.
@@ -205,6 +287,41 @@ mod tests {
         assert!((north.value - 110.574).abs() < 0.001 && (east.value - 222.639).abs() < 0.001, "{north:?} {east:?}");
         assert!((both.value - north.value.hypot(east.value)).abs() < 1e-9 && both.n == 10);
         assert!((ins.value - both.value / 2.0).abs() < 1e-3, "{ins:?}");
+    }
+
+    #[test]
+    fn law_vertical_spherical_and_velocity_errors_of_constant_offsets() {
+        let mut tables = tables();
+        tables[0].push(("true alt", seconds(10, |_| 260.0)));
+        tables[0].extend([("true vn", 30.0), ("true ve", 40.0), ("true vd", 1.0)].map(|(n, v)| (n, vec![v; 10])));
+        tables[1].extend([("vn", 33.0), ("ve", 44.0), ("vd", -1.0)].map(|(n, v)| (n, vec![v; 10])));
+        let all = [RMS_DOWN, MRSE, RMS_VN, RMS_VE, RMS_VD, RMS_SPEED].map(|m| value(&m, &tables));
+        assert!(all.iter().all(|f| f.n == 10), "{all:?}");
+        // The track is 40 m too high; 33 and 44 m/s are 55 m/s over ground where 50 m/s are flown.
+        let horizontal = value(&DRMS, &tables).value;
+        let law = [40.0, horizontal.hypot(40.0), 3.0, 4.0, 2.0, 5.0];
+        assert!(all.iter().zip(law).all(|(f, law)| (f.value - law).abs() < 1e-9), "{all:?}");
+    }
+
+    #[test]
+    fn law_what_the_gate_rejects_is_not_in_the_nis() {
+        let mut tables = tables();
+        // The updates repeat: every fourth of ten is gated, and is an outlier.
+        let nis = seconds(10, |t| if [3.0, 7.0].contains(&t) { 900.0 } else { 0.5 });
+        tables[1].iter_mut().filter(|column| column.0 == "nis").for_each(|column| column.1 = nis.clone());
+        tables[1].push(("residual", vec![1.0; 10]));
+        assert_eq!(value(&NIS, &tables), Figure { value: 0.5, n: 8 });
+        assert_eq!(value(&SAMPLES_GATED, &tables), Figure { value: 2.0, n: 10 });
+    }
+
+    #[test]
+    fn law_a_bound_has_no_error() {
+        let mut tables = tables();
+        tables[1].push(("drms_bound", vec![7.0; 10]));
+        assert_eq!(value(&DRMS_BOUND, &tables), Figure { value: 7.0, n: 10 });
+        let errors = [DRMS, CEP, R95, RMS_NORTH, RMS_EAST, NEES].map(|m| value(&m, &tables));
+        assert!(errors.iter().all(|f| f.value.is_nan() && f.n == 0), "{errors:?}");
+        assert!(value(&INS_DRMS, &tables).value > 0.0);
     }
 
     #[test]

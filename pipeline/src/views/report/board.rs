@@ -1,20 +1,11 @@
 //! The pooled scores of one table, and which of their points is best.
 
-use std::{
-    collections::{BTreeMap, HashMap},
-    ops::Range,
-};
-
-use schemas::{Fault, Literal};
+use schemas::Fault;
 
 use super::source::Source;
 use crate::{
-    spec::{Axis, Spec},
     store::parts,
-    views::{
-        scores::{self, Scores, Values},
-        warnings::Warning,
-    },
+    views::{pooled, scores::Scores, warnings::Warning},
 };
 
 /// The pooled scores of one score table.
@@ -33,42 +24,22 @@ impl Board {
     /// # Errors
     /// Fails when one cannot be read.
     pub fn all(source: &Source, warnings: &[Warning]) -> Result<Vec<Board>, Fault> {
-        let plan = source.graph.plan;
+        let (graph, store) = (source.graph, source.store);
+        let plan = graph.plan;
+        let pooled = pooled::written(plan, store)?.map_or_else(|| pooled::present(graph, store), Ok)?;
         let mut found = vec![];
-        for (table, node) in plan.tables.iter().enumerate().filter(|(_, t)| t.entry.name == "score") {
-            let folder = source.store.table(&plan.spec.name, &node.name);
-            if parts(&folder)?.is_empty() {
+        for table in pooled::tables(plan) {
+            let name = plan.table_name(table);
+            if parts(&store.table(&plan.spec.name, name))?.is_empty() {
                 continue;
             }
-            let axes: Vec<String> =
-                node.axes.iter().filter_map(|i| plan.spec.axes.get(*i)).map(|a| a.name.clone()).collect();
-            let mut board = Board::new(source, table, scores::scores(&folder, &axes, &node.entry.metrics)?);
-            board.scores.mark(&node.name, warnings);
-            if !board.scores.rows.is_empty() {
-                found.push(board);
+            let (mut scores, instances) = Scores::new(plan, table, &pooled);
+            scores.mark(name, warnings);
+            if !scores.rows.is_empty() {
+                found.push(Board { table, scores, instances });
             }
         }
         Ok(found)
-    }
-
-    /// Keeps the rows whose point this spec still has, spelt as the spec does, in the order of the sweep.
-    fn new(source: &Source, table: usize, mut scores: Scores) -> Board {
-        let plan = source.graph.plan;
-        let grid = plan.tables[table].grid();
-        let axes: Vec<&[Literal]> = grid.axes().map(|a| plan.spec.axes[a].values.as_slice()).collect();
-        let known: Vec<Side> = grid.sides().map(|side| Side::new(&plan.spec, side)).collect();
-        let mut kept: BTreeMap<usize, Vec<Option<f64>>> = BTreeMap::new();
-        for (key, values) in scores.rows {
-            let mut words = key.as_slice();
-            let place: Option<Vec<usize>> = known.iter().map(|side| side.position(&mut words)).collect();
-            if let Some(i) = place.filter(|_| words.is_empty()).and_then(|p| grid.number(&p)) {
-                kept.entry(i).or_insert(values);
-            }
-        }
-        let spelt = |i: usize| grid.place(i).zip(&axes).map(|((_, at), values)| values[at].to_string()).collect();
-        let instances = kept.keys().copied().collect();
-        scores.rows = kept.into_iter().map(|(i, values)| (spelt(i), values)).collect();
-        Board { table, scores, instances }
     }
 
     /// The metric that ranks the points: the most significant one that has a value.
@@ -99,40 +70,10 @@ impl Board {
     }
 }
 
-/// The values of an axis, or of axes that are searched together.
-struct Side {
-    axes: Vec<Values>,
-    /// Of several axes: the position of each combination of positions.
-    together: HashMap<Vec<usize>, usize>,
-}
-
-impl Side {
-    fn new(spec: &Spec, axes: Range<usize>) -> Side {
-        let axes = spec.axes.get(axes).unwrap_or_default();
-        let known: Vec<Values> = axes.iter().map(|a| Values::new(&a.values)).collect();
-        let mut together = HashMap::new();
-        if axes.len() > 1 {
-            for i in 0..axes.iter().map(|a| a.values.len()).min().unwrap_or(0) {
-                let place = |(axis, known): (&Axis, &Values)| known.position(&axis.values[i].to_string());
-                together.extend(axes.iter().zip(&known).map(place).collect::<Option<Vec<usize>>>().map(|p| (p, i)));
-            }
-        }
-        Side { axes: known, together }
-    }
-
-    /// The position of the values that `words` begin with; these are taken off.
-    fn position(&self, words: &mut &[String]) -> Option<usize> {
-        let (own, rest) = words.split_at_checked(self.axes.len())?;
-        *words = rest;
-        let places: Vec<usize> =
-            own.iter().zip(&self.axes).map(|(word, axis)| axis.position(word)).collect::<Option<_>>()?;
-        if let [one] = places.as_slice() { Some(*one) } else { self.together.get(&places).copied() }
-    }
-}
-
 #[cfg(test)]
 pub mod tests {
     use super::*;
+    use crate::views::scores::{self, InSample};
 
     /// A board of two axes, for tests.
     pub fn example() -> Board {
@@ -148,7 +89,11 @@ pub mod tests {
         ];
         let axes = vec!["mag".to_owned(), "lambda".to_owned()];
         let marks = vec![0; rows.len()];
-        Board { table: 0, scores: Scores { axes, metrics, rows, lines: 6, marks }, instances: vec![0, 1, 2, 3] }
+        Board {
+            table: 0,
+            scores: Scores { axes, metrics, rows, lines: 6, marks, cautious: vec![], in_sample: vec![] },
+            instances: vec![0, 1, 2, 3],
+        }
     }
 
     #[test]
@@ -173,15 +118,57 @@ pub mod tests {
     }
 
     #[test]
-    fn unit_the_truth_is_never_the_best_answer() {
+    fn unit_a_bound_is_never_the_best_answer() {
         let mut board = example();
-        let metrics = scores::declared(["drms", "ins_drms"]).to_vec();
-        let row = |name: &str, drms: f64| (vec![name.to_owned(), "0".to_owned()], vec![Some(drms), Some(900.0)]);
+        let metrics = scores::declared(["drms", "ins_drms", "drms_bound"]).to_vec();
+        let row = |name: &str, drms: Option<f64>, bound: Option<f64>| {
+            (vec![name.to_owned(), "0".to_owned()], vec![drms, Some(900.0), bound])
+        };
         board.scores.metrics = metrics;
-        board.scores.rows = vec![row("crlb", 0.0), row("ekf", 25.0), row("rts", 7.0), row("lost", 950.0)];
-        assert_eq!(board.ranked(0), [2, 1, 3, 0]);
+        board.scores.rows = vec![
+            row("crlb", None, Some(5.0)),
+            row("ekf", Some(25.0), None),
+            row("rts", Some(7.0), None),
+            row("another bound", Some(0.0), Some(6.0)),
+        ];
+        assert_eq!(board.ranked(0), [2, 1, 3]);
         assert_eq!(board.scores.best(0), Some(2));
         board.scores.rows.truncate(1);
         assert_eq!(board.scores.best(0), None);
+    }
+
+    #[test]
+    fn unit_a_score_in_sample_is_never_the_best() {
+        let mut board = example();
+        let of = |metrics: [bool; 3]| {
+            let held_out = usize::from(metrics != [true; 3]);
+            InSample { lines: 1, held_out, metrics: metrics.to_vec(), values: vec![Some(1.0); 3] }
+        };
+        board.scores.in_sample = vec![of([true; 3]), of([true, true, false]), of([false; 3]), of([false; 3])];
+        assert_eq!((board.ranked(1), board.scores.best(1)), (vec![3, 1, 0], Some(3)));
+        // By another metric the same row is out of sample.
+        assert_eq!(board.scores.best(2), Some(1));
+        assert!(board.scores.is_all_in_sample(0) && !board.scores.is_all_in_sample(1));
+        assert_eq!(board.scores.over(), "pooled over 0 to 1 held-out lines, apart from 1 in sample");
+        board.scores.in_sample = vec![of([true; 3]); 4];
+        assert_eq!((board.scores.best(0), board.headline()), (None, Some(1)));
+        assert_eq!(board.scores.over(), "pooled over 6 lines");
+    }
+
+    #[test]
+    fn unit_a_best_point_at_the_end_of_an_axis_of_numbers_is_remarked() {
+        let mut board = example();
+        let row =
+            |lambda: &str, drms: f64| (vec!["mag_4_uc".to_owned(), lambda.to_owned()], vec![None, Some(drms), None]);
+        let mut with = |best: [f64; 4]| {
+            board.scores.rows = ["0", "0.025", "0.25", "2.5"].iter().zip(best).map(|(l, d)| row(l, d)).collect();
+            board.scores.marks = vec![0; 4];
+            board.scores.at_edges()
+        };
+        let told = with([9.0, 8.0, 7.0, 6.0]);
+        assert_eq!(told.len(), 1, "{told:?}");
+        assert!(told[0].starts_with("the best drms is at the edge of `lambda`: 2.5 of 0 to 2.5"), "{told:?}");
+        assert_eq!(with([1.0, 8.0, 7.0, 6.0]).len(), 1);
+        assert!(with([9.0, 3.0, 7.0, 6.0]).is_empty() && with([5.0; 4]).is_empty());
     }
 }

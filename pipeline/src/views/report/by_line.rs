@@ -9,7 +9,7 @@ use schemas::{Fault, metric::Metric};
 
 use super::{board::Board, source::Source, warnings::Warning};
 use crate::{
-    plan::{LineId, Unit},
+    plan::{LineId, Seen, Unit},
     views::text::number,
 };
 
@@ -46,6 +46,8 @@ struct Column {
     pooled: Option<f64>,
     /// The number of marked lines.
     marks: usize,
+    /// Whether the pooled value is of lines in sample only.
+    in_sample: bool,
 }
 
 /// The score of one line at one point.
@@ -54,6 +56,7 @@ struct Cell {
     value: Option<f64>,
     ins: Option<f64>,
     marked: bool,
+    in_sample: bool,
 }
 
 /// A table for each axis of several values, the other axes at the best point; none for a single line.
@@ -74,6 +77,7 @@ pub fn tables(source: &Source, board: &Board, warnings: &[Warning]) -> Result<Ve
         axes.push(None);
     }
     let marked = board.scores.marked_lines(&node.name, warnings);
+    let seen = Seen::new(source.graph, board.table)?;
     let mut out = vec![];
     for axis in axes {
         let along: Vec<usize> = axis.map_or_else(|| vec![instance], |a| node.grid().along(instance, a).collect());
@@ -86,7 +90,7 @@ pub fn tables(source: &Source, board: &Board, warnings: &[Warning]) -> Result<Ve
         let lines: Vec<LineId> = lines.into_iter().take(ROWS).collect();
         let mut columns = vec![];
         for i in along.into_iter().take(COLUMNS) {
-            columns.push(column(source, board, (metric, axis, i), &lines, &marked)?);
+            columns.push(column(source, board, (metric, axis, i), &lines, (&marked, &seen))?);
         }
         let name = |l: &LineId| source.graph.lines.get(*l).cloned().unwrap_or_default();
         let point = plan.instance(board.table, instance).point();
@@ -113,7 +117,7 @@ fn column(
     board: &Board,
     (metric, axis, instance): (usize, Option<usize>, usize),
     lines: &[LineId],
-    marked: &[BTreeSet<&(String, String)>],
+    (marked, seen): (&[BTreeSet<&(String, String)>], &Seen),
 ) -> Result<Column, Fault> {
     let plan = source.graph.plan;
     let row = board.instances.binary_search(&instance).ok();
@@ -135,7 +139,7 @@ fn column(
             None => [None, None],
         };
         let marked = source.graph.lines.get(*line).is_some_and(|l| spoilt.is_some_and(|s| s.contains(l)));
-        cells.push(Cell { value, ins, marked });
+        cells.push(Cell { value, ins, marked, in_sample: seen.has(instance, *line) });
     }
     let value_of = |a: usize| plan.tables[board.table].grid().place(instance).find(|(axis, _)| *axis == a);
     let name = axis.and_then(value_of).and_then(|(a, at)| plan.spec.axes.get(a)?.values.get(at));
@@ -144,6 +148,7 @@ fn column(
         cells,
         pooled: row.and_then(|r| board.value(r, metric)),
         marks: row.map_or(0, |r| board.marked(r)),
+        in_sample: row.is_some_and(|r| board.scores.is_in_sample(r, metric)),
     })
 }
 
@@ -184,8 +189,8 @@ impl Table {
 
     fn rows(&self) -> Markup {
         let several = self.columns.len() > 1;
-        let pooled: Vec<Cell> =
-            self.columns.iter().map(|c| Cell { value: c.pooled, ins: None, marked: c.marks > 0 }).collect();
+        let pooled = |c: &Column| Cell { value: c.pooled, ins: None, marked: c.marks > 0, in_sample: c.in_sample };
+        let pooled: Vec<Cell> = self.columns.iter().map(pooled).collect();
         html! {
             div.scroll.wide {
                 table.sortable.lines {
@@ -212,13 +217,13 @@ impl Table {
     }
 
     fn cells(&self, cells: &[Cell]) -> Markup {
-        let cost = |c: &Cell| c.value.filter(|_| !c.marked).and_then(|v| self.metric.better.cost(v));
+        let cost = |c: &Cell| c.value.filter(|_| !c.marked && !c.in_sample).and_then(|v| self.metric.better.cost(v));
         let best = (0..cells.len()).filter_map(|i| cost(&cells[i]).map(|c| (i, c))).min_by(|a, b| a.1.total_cmp(&b.1));
         let best = best.map(|b| b.0).filter(|_| cells.len() > 1);
         html! { @for (i, cell) in cells.iter().enumerate() {
             @let marked = cell.marked && cell.value.is_some();
             td.n.best[best == Some(i)].bad[marked] data-v=[cell.value.map(|v| v.to_string())] title=[marked.then_some("not to be trusted")] {
-                @if marked { "! " } (number(cell.value))
+                @if marked { "! " } (number(cell.value)) @if cell.in_sample && cell.value.is_some() { " ~" }
             }
         } }
     }
@@ -237,6 +242,15 @@ impl Table {
                  from its law; a pooled value has one if any of its lines has."
                     .to_owned(),
             );
+        }
+        let seen = |column: &Column| column.cells.iter().any(|c| c.in_sample);
+        if self.columns.iter().any(seen) {
+            let what =
+                "Values with a ~ are in sample: a model, noise or map was made from the line, or a search chose by it.";
+            words.push(what.to_owned());
+        }
+        if self.columns.iter().any(|c| seen(c) && !c.in_sample) {
+            words.push("Where there are other lines, those in sample are not pooled.".to_owned());
         }
         if self.columns.iter().flat_map(|c| &c.cells).any(|c| c.value.is_none()) {
             words.push("Lines without a value are left out of what is pooled.".to_owned());
@@ -259,11 +273,17 @@ mod tests {
     use crate::views::scores::declared;
 
     fn cell(value: f64, marked: bool) -> Cell {
-        Cell { value: Some(value), ins: Some(300.0), marked }
+        Cell { value: Some(value), ins: Some(300.0), marked, in_sample: false }
     }
 
     fn example() -> Table {
-        let column = |name: &str, cells: Vec<Cell>, pooled, marks| Column { name: name.into(), cells, pooled, marks };
+        let column = |name: &str, cells: Vec<Cell>, pooled, marks| Column {
+            name: name.into(),
+            cells,
+            pooled,
+            marks,
+            in_sample: false,
+        };
         let columns = vec![
             column("ekf", vec![cell(40.0, false), cell(12.0, true)], Some(29.5), 1),
             column("mpf", vec![cell(25.0, false), cell(30.0, false)], Some(27.6), 0),
@@ -300,6 +320,16 @@ mod tests {
         assert!(text.contains("<td class=\"n best\" data-v=\"30\">30.00</td>"), "{text}");
         assert_eq!(text.matches("n best").count(), 3, "one a row: {text}");
         assert!(text.contains("<td class=\"n\">-</td>") && text.contains("Lines without a value"), "{text}");
+    }
+
+    #[test]
+    fn unit_a_line_in_sample_is_shown_as_such_and_never_the_best() {
+        let mut table = example();
+        table.columns[1].cells[0].in_sample = true;
+        let text = table.drawn().into_string();
+        assert!(text.contains("<td class=\"n\" data-v=\"25\">25.00 ~</td>"), "{text}");
+        assert!(text.contains("<td class=\"n best\" data-v=\"40\">40.00</td>"), "{text}");
+        assert!(text.contains("Values with a ~ are in sample"), "{text}");
     }
 
     #[test]

@@ -71,10 +71,11 @@ pub fn subjects(source: &Source, boards: &[Board]) -> Vec<Subject> {
             *best,
         )];
     }
-    // Marked points come last in the ranking: is the first one marked, all are.
-    let first = match board.marked(*best) {
-        0 => "The best point in detail",
-        _ => "The least bad point in detail: every point is marked",
+    // Points that cannot be the best come last in the ranking: is the first one such, all are.
+    let first = match (board.scores.is_in_sample(*best, metric), board.marked(*best)) {
+        (true, _) => "The closest fit in detail: every point is in sample",
+        (false, 0) => "The best point in detail",
+        (false, _) => "The least bad point in detail: every point is marked",
     };
     vec![one("best", first, *best), one("worst", "The worst point in detail", *worst)]
 }
@@ -131,7 +132,7 @@ fn subject(source: &Source, (board, metric): (&Board, usize), id: &str, title: &
     let it = source.graph.plan.instance(board.table, instance);
     let chosen = Chosen { at: (board.table, instance), metric: board.scores.metrics[metric] };
     let lines = board.scores.lines;
-    let pooled = if lines > 1 { format!(", pooled over {lines} lines") } else { String::new() };
+    let pooled = if lines > 1 { format!(", {}", board.scores.over()) } else { String::new() };
     let marked = match board.marked(row) {
         0 => String::new(),
         n => format!("; marked on {n} of {lines} lines, see the warnings"),

@@ -16,15 +16,20 @@ pub fn section(source: &Source, board: &Board, by_line: Vec<Markup>) -> Markup {
     let points = board.scores.rows.len();
     let spec = &source.graph.plan.spec;
     let searched: Vec<&str> = spec.axes.iter().skip(spec.searched.start).map(|a| a.name.as_str()).collect();
-    let over =
-        if board.scores.lines == 1 { "one line".to_owned() } else { format!("{} lines, pooled", board.scores.lines) };
+    let scores = &board.scores;
+    let over = scores.over();
+    let in_sample = scores.in_sample.iter().any(|row| row.lines > 0);
+    let cautious = (0..points).any(|r| scores.is_cautious(r));
     html! {
         section id=(format!("scores-{name}")) {
             h2 { "Scores" @if name != "scores" { ": " (name) } }
             p.lead { (points) (if points == 1 { " point of the sweep" } else { " points of the sweep" }) " over " (over)
                 ". Errors are root mean squares weighted by samples, ratios are means weighted likewise."
+                @if in_sample { " Values with a " strong { "~" } " are in sample: a model, noise or map was made from the same lines, or a search chose by them. None of them counts as best." }
                 @if points > 1 { " The best value of each metric is coloured; click a heading to sort." }
-                @if (0..points).any(|r| board.marked(r) > 0) { " Rows with a " strong { "!" } " are not to be trusted: on as many of their lines the filter is worse than the INS alone, or its NEES or NIS is far from its law. None of them counts as best." } }
+                @if (0..points).any(|r| board.marked(r) > 0 && !scores.is_cautious(r)) { " Rows with a " strong { "!" } " are not to be trusted: on as many of their lines the filter is worse than the INS alone, or its NEES or NIS is far from its law. None of them counts as best." }
+                @if cautious { " A row that is called cautious has errors that are smaller than its filter states." }
+                @for remark in scores.at_edges() { " Note: " (remark) "." } }
             (table(board))
             @if points > MOST { p.note { "The best " (MOST) " of " (points) " points are shown; " code { "magline sql" } " shows them all." } }
             (glossary(board))
@@ -37,6 +42,7 @@ pub fn section(source: &Source, board: &Board, by_line: Vec<Markup>) -> Markup {
 fn table(board: &Board) -> Markup {
     let best: Vec<Option<usize>> = (0..board.scores.metrics.len()).map(|m| board.scores.best(m)).collect();
     let marked = (0..board.scores.rows.len()).any(|r| board.marked(r) > 0);
+    let in_sample = board.scores.in_sample.iter().any(|row| row.lines > 0);
     let several = board.scores.rows.len() > 1;
     html! {
         div.scroll.wide {
@@ -44,6 +50,7 @@ fn table(board: &Board) -> Markup {
                 thead { tr {
                     @for axis in &board.scores.axes { th scope="col" { button { (axis) } } }
                     @if marked { th scope="col" { button { "marked" } } }
+                    @if in_sample { th scope="col" { button { "in sample" } } }
                     @for metric in &board.scores.metrics {
                         th.n scope="col" { button { (spaced(metric.name)) @if metric.unit != "1" { " [" (metric.unit) "]" } } }
                     }
@@ -53,10 +60,12 @@ fn table(board: &Board) -> Markup {
                     @let marks = board.marked(row);
                     tr.bad[marks > 0] {
                         @for word in key { td { (word) } }
-                        @if marked { td data-v=(marks) { @if marks > 0 { "! " (marks) " of " (board.scores.lines) } } }
+                        @if marked { td data-v=(marks) { @if marks > 0 { (if board.scores.is_cautious(row) { "cautious " } else { "! " }) (marks) " of " (board.scores.lines) } } }
+                        @if in_sample { @let seen = board.scores.in_sample.get(row).cloned().unwrap_or_default();
+                            td data-v=(seen.lines) { (seen.lines) " of " (seen.lines + seen.held_out) } }
                         @for (m, value) in values.iter().enumerate() {
                             @let wins = several && best.get(m).copied().flatten() == Some(row);
-                            td.n.best[wins] data-v=[value.map(|v| v.to_string())] title=[wins.then_some("best")] { (number(*value)) }
+                            td.n.best[wins] data-v=[value.map(|v| v.to_string())] title=[wins.then_some("best")] { (number(*value)) @if board.scores.is_in_sample(row, m) { " ~" } }
                         }
                     }
                 } }
@@ -157,9 +166,11 @@ fn drawn(board: &Board, heat: &Heat) -> Markup {
     let axis = |i: usize| board.scores.axes[i].as_str();
     let others: Vec<&str> =
         (0..board.scores.axes.len()).filter(|i| *i != heat.axes.0 && *i != heat.axes.1).map(axis).collect();
-    let good = heat.cells.iter().flatten().filter(|r| board.marked(**r) == 0);
+    let in_sample = |row: usize| board.scores.is_in_sample(row, heat.metric);
+    let good = heat.cells.iter().flatten().filter(|r| board.marked(**r) == 0 && !in_sample(**r));
     let (low, high) = ends(good.filter_map(|r| board.value(*r, heat.metric)));
     let marked = heat.cells.iter().flatten().any(|r| board.marked(*r) > 0);
+    let seen = heat.cells.iter().flatten().any(|r| in_sample(*r));
     let width = heat.values.1.len();
     html! {
         figure {
@@ -175,6 +186,7 @@ fn drawn(board: &Board, heat: &Heat) -> Markup {
             } }
             figcaption {
                 @if low <= high { "Yellow is good, purple is bad, on a logarithmic scale from " (number(Some(low))) " to " (number(Some(high))) " " (unit) "." }
+                @if seen { " Hatched cells with a ~ are in sample and have no colour." }
                 @if marked { " Hatched cells with a ! are not to be trusted and have no colour." }
                 @if !others.is_empty() { " Each cell is the best over " (others.join(" and ")) "." }
             }
@@ -193,6 +205,9 @@ fn tile(board: &Board, metric: usize, cell: Option<usize>, (low, high): (f64, f6
     if board.marked(row) > 0 {
         return html! { td.bad title="not to be trusted" { "! " (number(Some(value))) } };
     }
+    if board.scores.is_in_sample(row, metric) {
+        return html! { td.bad title="in sample" { (number(Some(value))) " ~" } };
+    }
     let part = if high > low { 1.0 - (value / low).ln() / (high / low).ln() } else { 1.0 };
     let shade = Palette::Viridis.colour(part);
     html! { td style=(format!("background:{};color:{}", hex(shade), ink_on(shade))) { (number(Some(value))) } }
@@ -203,7 +218,7 @@ mod tests {
     #![allow(clippy::unwrap_used)]
 
     use super::*;
-    use crate::views::report::board::tests::example;
+    use crate::views::{report::board::tests::example, scores::InSample};
 
     #[test]
     fn unit_the_best_of_each_metric_is_marked_once() {
@@ -248,6 +263,23 @@ mod tests {
         board.scores.marks = vec![1; 4];
         let (text, map) = (table(&board).into_string(), drawn(&board, &heat(&board, 1, &[]).unwrap()).into_string());
         assert!(!text.contains("best") && !map.contains("style="), "{text} {map}");
+    }
+
+    #[test]
+    fn unit_a_value_in_sample_is_neither_coloured_nor_best() {
+        let mut board = example();
+        let of = |seen: bool| InSample {
+            lines: if seen { 2 } else { 0 },
+            held_out: if seen { 0 } else { 2 },
+            metrics: vec![seen; 3],
+            values: vec![None; 3],
+        };
+        board.scores.in_sample = [false, true, false, false].map(of).to_vec();
+        let text = table(&board).into_string();
+        assert!(text.contains(">12.00 ~</td>") && text.contains("<td data-v=\"2\">2 of 2</td>"), "{text}");
+        assert!(text.contains("data-v=\"30\" title=\"best\"") && !text.contains("data-v=\"12\" title"), "{text}");
+        let map = drawn(&board, &heat(&board, 1, &[]).unwrap()).into_string();
+        assert!(map.contains("<td class=\"bad\" title=\"in sample\">12.00 ~</td>"), "{map}");
     }
 
     #[test]

@@ -121,7 +121,7 @@ impl<'a> Facts<'a> {
             Kind::Flat => vec!["the noise is more than `flat_over_m` of the map's slope there: what the line tells of a position is the INS".to_owned()],
             Kind::MapHeight if settings.levels => vec!["the flight leaves the heights of `map_levels_m`".to_owned()],
             Kind::MapHeight => vec!["`navigate` has no `map_levels_m`: name heights about those flown".to_owned()],
-            Kind::Retention | Kind::Fit | Kind::Map => vec![],
+            Kind::Retention | Kind::Fit | Kind::Map | Kind::Metric => vec![],
         };
         (!found.is_empty()).then(|| found.join("; "))
     }

@@ -50,11 +50,13 @@ pub enum Kind {
     Fit,
     /// What a stage that makes a map says against it.
     Map,
+    /// A metric that cannot be computed for a line.
+    Metric,
 }
 
 impl Kind {
     /// All of them.
-    pub const ALL: [Kind; 13] = [
+    pub const ALL: [Kind; 14] = [
         Kind::WorseThanIns,
         Kind::NeesHigh,
         Kind::NeesLow,
@@ -68,6 +70,7 @@ impl Kind {
         Kind::Retention,
         Kind::Fit,
         Kind::Map,
+        Kind::Metric,
     ];
 
     /// The word for it.
@@ -86,6 +89,7 @@ impl Kind {
             Kind::Retention => "retention",
             Kind::Fit => "fit",
             Kind::Map => "map",
+            Kind::Metric => "metric",
         }
     }
 
@@ -95,8 +99,13 @@ impl Kind {
         match self {
             Kind::WorseThanIns | Kind::NeesHigh | Kind::NeesLow | Kind::NisHigh | Kind::NotWhite => true,
             Kind::NisLow | Kind::Gnss | Kind::OffMap | Kind::Flat => false,
-            Kind::MapHeight | Kind::Retention | Kind::Fit | Kind::Map => false,
+            Kind::MapHeight | Kind::Retention | Kind::Fit | Kind::Map | Kind::Metric => false,
         }
+    }
+
+    /// Whether the filter states larger errors than it has: its estimate is sound, its covariance too large.
+    pub fn is_cautious(self) -> bool {
+        matches!(self, Kind::NeesLow | Kind::NisLow)
     }
 
     /// What is said of all rows with this warning together.
@@ -104,9 +113,9 @@ impl Kind {
         match self {
             Kind::WorseThanIns => "the filter is worse than the INS alone",
             Kind::NeesHigh => "the position errors are far larger than the filter's covariance says",
-            Kind::NeesLow => "the position errors are far smaller than the filter's covariance says",
+            Kind::NeesLow => "the filter is cautious, its position errors are far smaller than its covariance",
             Kind::NisHigh => "the innovations are far larger than the filter predicts",
-            Kind::NisLow => "the filter is cautious: the innovations are far smaller than it predicts",
+            Kind::NisLow => "the filter is cautious, the innovations are far smaller than it predicts",
             Kind::NotWhite => "the innovations repeat, so that the covariance holds too few errors",
             Kind::Gnss => "positions by GNSS contradict the INS and are rejected",
             Kind::OffMap => "most samples are off the map",
@@ -115,6 +124,7 @@ impl Kind {
             Kind::Retention => "the compensation takes part of the geology with the aircraft's field",
             Kind::Fit => "the fit warns",
             Kind::Map => "the map warns",
+            Kind::Metric => "metrics cannot be computed",
         }
     }
 }
@@ -193,7 +203,8 @@ fn of_score(graph: &Graph, store: &Store, unit: Unit) -> Result<Vec<Warning>, Fa
     let Some(line) = unit.line else { return Ok(vec![]) };
     let inputs = graph.plan.instance(unit.table, unit.instance).inputs();
     let facts = Facts::gather(graph, store, &inputs, line, &row)?;
-    Ok(judge(&facts).into_iter().map(|found| found.at(graph, unit)).collect())
+    let judged = judge(&facts).into_iter().map(|found| found.at(graph, unit));
+    Ok(judged.chain(of_whole(graph, unit, Kind::Metric, row::left_out(&batch))).collect())
 }
 
 /// A warning whose place is not filled in yet.

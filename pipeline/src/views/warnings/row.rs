@@ -7,14 +7,23 @@ use arrow_array::{
     cast::AsArray,
     types::{Float64Type, Int64Type},
 };
+use stages::score::NOTE;
 
 /// The scores of one line: value and number of samples of each metric that has a value.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Row(BTreeMap<String, (f64, i64)>);
 
+/// The metrics of one line's scores that could not be computed, each with the reason.
+pub fn left_out(batch: &RecordBatch) -> Vec<String> {
+    let text = |name: &str| batch.column_by_name(name).and_then(|a| a.as_string_opt::<i32>());
+    let (Some(names), Some(notes)) = (text("metric"), text(NOTE)) else { return vec![] };
+    let noted = (0..batch.num_rows()).filter(|i| notes.is_valid(*i));
+    noted.map(|i| format!("`{}` cannot be computed: {}", names.value(i), notes.value(i))).collect()
+}
+
 impl Row {
     /// The columns it is read from.
-    pub const COLUMNS: [&'static str; 3] = ["metric", "value", "n"];
+    pub const COLUMNS: [&'static str; 4] = ["metric", "value", "n", NOTE];
 
     /// Reads the rows of one line's scores. Values that are null or not a number are left out; infinite ones are kept.
     pub fn read(batch: &RecordBatch) -> Row {

@@ -171,8 +171,8 @@ fn gold_many_warnings_are_told_by_the_worst_of_each_kind() {
         [
             "scores: the filter is worse than the INS alone at 2 places, worst (mag = mag_4_uc, flight 1, line 1.02): \
              drms 90\n  likely cause: a cause",
-            "scores (mag = mag_4_uc, flight 1, line 1.01): the innovations are far smaller than the filter predicts: \
-             drms 0.004\n  likely cause: a cause",
+            "scores (mag = mag_4_uc, flight 1, line 1.01): the filter is cautious, the innovations are far smaller than it \
+             predicts: drms 0.004\n  likely cause: a cause",
             "3 warnings; the table `p.warnings` has each",
         ]
     );
@@ -183,7 +183,15 @@ fn gold_many_warnings_are_told_by_the_worst_of_each_kind() {
 fn unit_only_what_spoils_a_score_marks_its_row() {
     use crate::views::scores::Scores;
     let rows = vec![(vec!["mag_4_uc".to_owned()], vec![]), (vec!["mag_5_uc".to_owned()], vec![])];
-    let mut scores = Scores { axes: vec!["mag".into()], metrics: vec![], rows, lines: 2, marks: vec![] };
+    let mut scores = Scores {
+        axes: vec!["mag".into()],
+        metrics: vec![],
+        rows,
+        lines: 2,
+        marks: vec![],
+        cautious: vec![],
+        in_sample: vec![],
+    };
     let map = warning(Kind::MapHeight, 9.0, 2.5, "1.03");
     scores.mark(
         "scores",
@@ -196,6 +204,9 @@ fn unit_only_what_spoils_a_score_marks_its_row() {
     );
     // Two lines, one of them for two reasons.
     assert_eq!(scores.marks, [2, 0]);
+    assert!(!scores.is_cautious(0) && !scores.is_cautious(1));
+    scores.mark("scores", &[warning(Kind::NisLow, 0.004, 0.25, "1.02")]);
+    assert!(scores.marks == [1, 0] && scores.is_cautious(0) && !scores.is_cautious(1));
     scores.mark("other", &[warning(Kind::WorseThanIns, 20.0, 10.0, "1.01")]);
     assert_eq!(scores.marks, [0, 0]);
 }
