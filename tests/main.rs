@@ -36,6 +36,7 @@ mod plausible;
 mod power_loss;
 mod publish;
 mod queries;
+mod rasters;
 mod readers;
 mod reuse;
 mod rivals;
