@@ -40,6 +40,7 @@ mod plausible;
 mod power_loss;
 mod publish;
 mod queries;
+mod rasters;
 mod rates;
 mod readers;
 mod reuse;

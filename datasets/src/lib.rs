@@ -16,7 +16,7 @@ pub mod table;
 
 /// Changes whenever a reader or the simulator computes other values from the same bytes: part of the key of
 /// their cached results.
-pub const VERSION: &str = "6";
+pub const VERSION: &str = "7";
 
 pub use formats::{
     FlightOptions, FlightReader, MapOptions, MapTable, Part, PointOptions, RawReader, Reading, RowFault, SurveyPoints,

@@ -131,6 +131,20 @@ const TOTAL: Limits = Limits { kind: Kind::TotalField, low: 15_000.0, high: 80_0
 /// A reading without the core field, such as the aircraft's part of it alone.
 const RESIDUAL: Limits = Limits { kind: Kind::Anomaly, low: -50_000.0, high: 50_000.0, outlier: Outlier::Missing };
 
+/// The anomaly of a map or a survey. Rocks make a few thousand nT at flying height, and no more than this except at the ground
+/// above iron ore; the weakest total field of the earth is 22,000 nT (IGRF-14, South Atlantic), so it is no anomaly.
+const CRUST: Limits = Limits { kind: Kind::Anomaly, low: -20_000.0, high: 20_000.0, outlier: Outlier::Fault };
+
+/// The limits of the values of a map or a survey, nT: those of a total field where most of them are one, else of an anomaly.
+pub fn survey(values: impl Iterator<Item = f64>) -> Limits {
+    let (mut known, mut total) = (0_usize, 0_usize);
+    for x in values.filter(|x| !x.is_nan()) {
+        known += 1;
+        total += usize::from(!CRUST.holds(x) && TOTAL.holds(x));
+    }
+    if 2 * total > known { Limits { outlier: Outlier::Fault, ..TOTAL } } else { CRUST }
+}
+
 /// The middle half of a residual field is wider than this part of its median, in a line of fewer samples than
 /// [`LONG_LINE`], or in a longer one. A total field is far from it in whatever unit: 1 per cent are 500 nT.
 const RESIDUAL_SPREAD: (f64, f64) = (0.03, 0.1);
@@ -321,6 +335,15 @@ mod tests {
         spiked.iter_mut().step_by(20).for_each(|x| *x = -5.0);
         assert!(residual(&total, &spiked).is_none());
         assert!(residual(&limits("diurnal").unwrap(), &wave(0.0, 20.0)).is_none());
+    }
+
+    #[test]
+    fn r10_a_survey_is_of_anomalies_or_of_the_total_field() {
+        let holds = |values: &[f64], x: f64| survey(values.iter().copied()).holds(x);
+        assert!(holds(&[1.0, -300.0, 99_999.0], -5_000.0) && !holds(&[1.0, -300.0, 99_999.0], 99_999.0));
+        assert!(holds(&[54_000.0, 54_100.0, f64::NAN, 0.0], 54_200.0));
+        assert!(!holds(&[54_000.0, 54_100.0, 0.0], 0.0) && !holds(&[54_000.0, 54_100.0], 1e308));
+        assert!(!holds(&[1.0, 54_100.0, 3.0], 54_100.0), "one total field among anomalies");
     }
 
     #[test]

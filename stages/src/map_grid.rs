@@ -165,11 +165,13 @@ impl MapGrid {
         let options = self.options()?;
         points::reduce(self, points)?;
         let line: Vec<usize> = points.line.iter().map(|l| *l as usize).collect();
-        let levelled = self.level_order.map(|order| self.levelled(points, &line, order, progress)).transpose()?;
+        let flat = (self.method == Surface::MinimumCurvature).then(|| points::any_heights(points));
+        let survey = survey_at(points, &line, flat.as_deref());
+        let levelled = self.level_order.map(|order| self.levelled(survey, order, progress)).transpose()?;
         if let Some(levelled) = &levelled {
             points.value_nt.iter_mut().zip(&levelled.correction_nt).for_each(|(v, c)| *v -= c);
         }
-        let survey = points::survey(points, &line);
+        let survey = survey_at(points, &line, flat.as_deref());
         self.fits(survey)?;
         let gridded = gridding::grid(survey, &options, progress).map_err(|e| match e {
             GridError::NoPoints => points::nothing_left(survey, &options.clean),
@@ -216,23 +218,17 @@ impl MapGrid {
         Err(Fault::data(what).help("choose a `spacing_m` below the extent of the points").of_param("spacing_m"))
     }
 
-    fn levelled(
-        &self,
-        points: &SurveyPoints,
-        line: &[usize],
-        order: usize,
-        progress: Progress,
-    ) -> Result<Levelled, Fault> {
+    fn levelled(&self, survey: gridding::SurveyPoints, order: usize, progress: Progress) -> Result<Levelled, Fault> {
         progress("levelling lines", 0, 1);
         let crossings = CrossoverOptions { most_height_m: self.crossing_height_m, ..CrossoverOptions::default() };
-        let found = find_crossovers(points::survey(points, line), &crossings);
+        let found = find_crossovers(survey, &crossings);
         if found.is_empty() {
             let what =
                 format!("no lines cross within {} m of height, so they cannot be levelled", self.crossing_height_m);
             let help = "leave `level_order` out, or raise `crossing_height_m`";
             return Err(Fault::data(what).help(help).of_param("level_order"));
         }
-        Ok(level_lines(points::survey(points, line), &found, &LevelOptions { order, ..LevelOptions::default() }))
+        Ok(level_lines(survey, &found, &LevelOptions { order, ..LevelOptions::default() }))
     }
 
     fn options(&self) -> Result<GridOptions, Fault> {
@@ -316,6 +312,19 @@ impl MapGrid {
         faults
     }
 }
+
+/// The points, at these heights where they are given.
+fn survey_at<'a>(
+    points: &'a SurveyPoints,
+    line: &'a [usize],
+    height_m: Option<&'a [f64]>,
+) -> gridding::SurveyPoints<'a> {
+    let survey = points::survey(points, line);
+    gridding::SurveyPoints { height_m: height_m.unwrap_or(survey.height_m), ..survey }
+}
+
+/// The note on a map of points without heights.
+pub const NO_HEIGHTS: &str = "the points have no heights, so that of the map is unknown: set `alt_m` where it is used";
 
 /// The EPSG code of a parameter `to_epsg`.
 ///

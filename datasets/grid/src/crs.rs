@@ -161,6 +161,20 @@ fn authority(wkt: &str) -> Option<u16> {
     code
 }
 
+/// The name and size in metres of the unit of eastings and northings in well-known text; `None` for a system of degrees
+/// and for text without it.
+pub fn unit_of_wkt(wkt: &str) -> Option<(String, f64)> {
+    let kind = wkt.trim_start();
+    if !(kind.starts_with("PROJCS") || kind.starts_with("PROJCRS")) {
+        return None;
+    }
+    // The units of the datum's angles come first.
+    let at = ["LENGTHUNIT[\"", "UNIT[\""].into_iter().find_map(|key| Some(wkt.rfind(key)? + key.len()))?;
+    let (name, rest) = wkt.get(at..)?.split_once("\",")?;
+    let size = rest.split([',', ']']).next()?.trim().parse::<f64>().ok()?;
+    Some((name.to_owned(), size)).filter(|(name, m)| *m > 0.0 && !name.to_ascii_lowercase().starts_with("deg"))
+}
+
 /// The code of the system with a name of the EPSG register, or with Esri's name of a common one.
 pub fn epsg_of_name(name: &str) -> Option<u16> {
     const SPELLINGS: [(&str, &str); 10] = [

@@ -18,7 +18,7 @@ mod summary;
 mod survey_points;
 
 pub use anomaly_grid::{AnomalyGrid, DERIVATIVES, Height, NANOTESLA, Registration, node_on};
-pub use crs::{Crs, WGS84, epsg_of_name, epsg_of_wkt};
+pub use crs::{Crs, WGS84, epsg_of_name, epsg_of_wkt, unit_of_wkt};
 pub use error::ReadError;
 pub use own::geographic;
 pub use summary::{Figure, MapSummary, PERCENTILES};

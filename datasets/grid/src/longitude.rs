@@ -25,6 +25,13 @@ fn round_the_earth(axis: &EvenAxis) -> bool {
     axis.step * axis.len as f64 >= 360.0 - SLACK * axis.step
 }
 
+/// The number of distinct meridians of a map round the earth; `None` for any other map.
+pub fn round(axis: &EvenAxis) -> Option<usize> {
+    let nodes = (360.0 / axis.step).round();
+    let whole = (nodes * axis.step - 360.0).abs() <= SLACK * axis.step;
+    (round_the_earth(axis) && whole && nodes >= 2.0).then_some(nodes as usize)
+}
+
 fn rolled(axis: &EvenAxis) -> (EvenAxis, Vec<usize>) {
     let distinct = ((360.0 / axis.step).round() as usize).clamp(1, axis.len);
     // The first meridian, counted in steps from the file's first, that is not west of -180.

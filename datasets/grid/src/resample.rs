@@ -1,5 +1,7 @@
 //! A map in another coordinate system, by polynomials between its nodes.
 
+use std::borrow::Cow;
+
 use numerics::{
     earth::geodesy::{meridian_radius_m, transverse_radius_m},
     maps::plane_grid::EvenAxis,
@@ -9,9 +11,12 @@ use rayon::prelude::*;
 use super::{
     AnomalyGrid, Crs, Height, MapTable, WGS84,
     anomaly_grid::{Registration, ground_m, node_on},
-    interpolate,
+    interpolate, longitude,
 };
 use crate::ReadError;
+
+/// Columns past each end of a map round the earth: half of the nodes of a polynomial, and one.
+const SEAM: usize = 6;
 
 /// The least grid that can be interpolated.
 const LEAST_NODES: usize = 4;
@@ -54,7 +59,7 @@ impl AnomalyGrid {
         }
         self.check()?;
         let (x, y) = self.axes_in(&target, spacing)?;
-        let (anomaly_nt, heights) = self.values_on(&target, &x, &y);
+        let (anomaly_nt, heights) = self.beyond_the_seam().values_on(&target, &x, &y);
         let height = match &self.height {
             Height::Level(alt_m) => Height::Level(*alt_m),
             Height::Cells(_) => Height::Cells(heights),
@@ -78,6 +83,25 @@ impl AnomalyGrid {
         };
         map.check()?;
         Ok(map)
+    }
+
+    /// A map round the earth with more columns past both ends, so that a place at its seam lies between nodes.
+    fn beyond_the_seam(&self) -> Cow<'_, AnomalyGrid> {
+        let Some(round) = self.is_geographic().then(|| longitude::round(&self.x)).flatten() else {
+            return Cow::Borrowed(self);
+        };
+        let width = self.x.len;
+        let turned = |values: &[f64]| -> Vec<f64> {
+            let columns = || (0..round + 2 * SEAM).map(|k| (k + round * SEAM - SEAM) % round);
+            values.chunks(width).flat_map(|row| columns().map(|c| row.get(c).copied().unwrap_or(f64::NAN))).collect()
+        };
+        let step = 360.0 / round as f64;
+        let x = EvenAxis { first: self.x.first - SEAM as f64 * step, step, len: round + 2 * SEAM };
+        let height = match &self.height {
+            Height::Level(alt_m) => Height::Level(*alt_m),
+            Height::Cells(cells) => Height::Cells(turned(cells)),
+        };
+        Cow::Owned(AnomalyGrid { x, anomaly_nt: turned(&self.anomaly_nt), height, ..self.clone() })
     }
 
     fn note_of(&self, target: &Crs) -> String {

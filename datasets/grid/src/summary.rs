@@ -70,8 +70,12 @@ impl AnomalyGrid {
         self.check()?;
         let mut known: Vec<f64> = self.anomaly_nt.iter().copied().filter(|v| !v.is_nan()).collect();
         let count = known.len() as f64;
-        let mean = known.iter().sum::<f64>() / count;
-        let std_nt = (known.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / count).sqrt();
+        // Sums of accepted values such as 1e308 must not overflow.
+        let size = known.iter().fold(0.0_f64, |most, v| most.max(v.abs()));
+        let size = if size > 1e100 { size } else { 1.0 };
+        let mean = known.iter().map(|v| v / size).sum::<f64>() / count * size;
+        let squares = known.iter().map(|v| (v / size - mean / size).powi(2)).sum::<f64>();
+        let std_nt = (squares / count).sqrt() * size;
         known.sort_unstable_by(f64::total_cmp);
         let bounds = self.bounds_deg().ok();
         let (x_m, y_m) = self.ground_unit_m();
@@ -114,8 +118,13 @@ impl AnomalyGrid {
         let pairs = self.anomaly_nt.iter().zip(self.anomaly_nt.iter().skip(apart)).enumerate();
         let within = |i: usize| apart != 1 || !(i + 1).is_multiple_of(self.x.len);
         let steps = pairs.filter(|(i, (a, b))| within(*i) && !a.is_nan() && !b.is_nan());
-        let (sum, count) = steps.fold((0.0, 0_u64), |(sum, n), (_, (a, b))| (sum + (a - b).abs(), n + 1));
-        if count == 0 { f64::NAN } else { sum / count as f64 }
+        // The mean so far, which does not overflow where the sum does.
+        let mean = |(mean, n): (f64, f64), (_, (a, b)): (usize, (&f64, &f64))| {
+            let n = n + 1.0;
+            (mean + ((a - b).abs() - mean) / n, n)
+        };
+        let (mean, count) = steps.fold((0.0, 0.0), mean);
+        if count == 0.0 { f64::NAN } else { mean }
     }
 }
 

@@ -186,28 +186,6 @@ pub(super) fn level_m(outputs: &Outputs, map: &AnomalyGrid, format: &str) -> Res
     }
 }
 
-/// The usual dummies for unknown values in tables of text.
-const USUAL_DUMMIES: [f64; 6] = [-9999.0, -99_999.0, -999_999.0, -9_999_999.0, -99_999_999.0, -32_768.0];
-
-/// The distance below all other values at which a usual dummy is recognised, in the unit of the values.
-const DUMMY_GAP: f64 = 1000.0;
-
-/// Replaces an obvious dummy by NaN, with a note: the lowest value of all, one of the usual ones, and far below
-/// the next.
-pub(super) fn without_dummy(values: &mut [f64], notes: &mut Vec<String>) {
-    let least = values.iter().copied().fold(f64::INFINITY, f64::min);
-    let next = values.iter().copied().filter(|v| *v > least).fold(f64::INFINITY, f64::min);
-    if !USUAL_DUMMIES.contains(&least) || next - least < DUMMY_GAP {
-        return;
-    }
-    let mut count = 0;
-    for value in values.iter_mut().filter(|v| **v == least) {
-        *value = f64::NAN;
-        count += 1;
-    }
-    notes.push(format!("{count} values of {least} are taken as unknown"));
-}
-
 /// Surfer's blank for unknown values.
 pub(super) fn blanked(value: f64) -> f64 {
     if value >= SURFER_BLANK { f64::NAN } else { value }

@@ -17,7 +17,7 @@ use super::{
 };
 use crate::{
     ReadError,
-    grid::{Draft, FileAxis, System},
+    grid::{AxisUnit, Draft, FileAxis, System, is_marker},
 };
 use grids::{AnomalyGrid, Registration};
 
@@ -67,11 +67,12 @@ fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     let (columns, lines) = (header.number("rasterinfo.nrofcellsperline")?, header.number("rasterinfo.nroflines")?);
     let (width, height) = nodes(&cells, columns as i64, lines as i64, kind.size as u64, bytes.len() as u64)?;
     let unknown = header.number_or("rasterinfo.nullcellvalue", f64::NAN)?;
-    let known = |v: f64| if v == unknown || kind.is(v, unknown) { f64::NAN } else { v };
+    let known = |v: f64| if is_marker(v, unknown) { f64::NAN } else { v };
     let values = bytes.chunks_exact(kind.size).take(width * height).map(|b| known(kind.value(b))).collect();
     let (x, y) = header.axes(width, height)?;
     let mut draft = Draft::new(path, x, y, values, header.system());
     draft.registration = Registration::Pixel;
+    draft.axis_unit = header.axis_unit()?;
     draft.unit = header.text("rasterinfo.bandid.units").filter(|u| !u.is_empty());
     draft.finish(options)
 }
@@ -130,6 +131,17 @@ impl<'a> Header<'a> {
         let x = FileAxis::new(self.path, "x", x0 + (0.5 - i) * dx, dx, width)?;
         let y = FileAxis::new(self.path, "y", y0 - (0.5 - j) * dy, -dy, height)?;
         Ok((x, y))
+    }
+
+    /// The unit of eastings and northings; of degrees programs write any word.
+    fn axis_unit(&self) -> Result<Option<AxisUnit>, ReadError> {
+        let text = |key: &str| self.text(key).unwrap_or_default();
+        let degrees = text("coordinatespace.coordinatetype").eq_ignore_ascii_case("LL")
+            || text("coordinatespace.projection").eq_ignore_ascii_case("GEODETIC");
+        if degrees {
+            return Ok(None);
+        }
+        AxisUnit::read(self.path, "Units", &text("coordinatespace.units"))
     }
 
     /// The coordinate system of a datum and a projection.
@@ -245,11 +257,6 @@ impl Cell {
             }
             (false, ..) => bits as f64,
         }
-    }
-
-    /// Whether a single-precision value is the rounded unknown one.
-    fn is(&self, value: f64, unknown: f64) -> bool {
-        self.float && self.size == 4 && value as f32 == unknown as f32
     }
 }
 

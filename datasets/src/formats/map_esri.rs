@@ -12,9 +12,9 @@ use super::{
 };
 use crate::{
     ReadError,
-    grid::{Draft, FileAxis, System},
+    grid::{AxisUnit, Draft, FileAxis, System, is_marker},
 };
-use grids::{AnomalyGrid, Registration, epsg_of_wkt};
+use grids::{AnomalyGrid, Registration, epsg_of_wkt, unit_of_wkt};
 
 pub(super) const FORMAT: MapFormat = MapFormat {
     name: "esri_ascii",
@@ -55,21 +55,18 @@ fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     let (west, south) = (place("xllcorner", "xllcenter", dx)?, place("yllcorner", "yllcenter", dy)?);
     // The format's own default.
     let unknown = head.get("nodata_value").copied().unwrap_or(-9999.0);
-    let known = |v: f64| if v == unknown { f64::NAN } else { v };
+    let known = |v: f64| if is_marker(v, unknown) { f64::NAN } else { v };
     let values = numbers(path, &mut words, width * height)?.into_iter().map(known).collect();
     let north = south + dy * (height - 1) as f64;
     let (x, y) = (FileAxis::new(path, "x", west, dx, width)?, FileAxis::new(path, "y", north, -dy, height)?);
-    let mut draft = Draft::new(path, x, y, values, system(path));
+    let wkt = std::fs::read_to_string(path.with_extension("prj")).unwrap_or_default();
+    let system = epsg_of_wkt(&wkt).map_or(System::Unknown, System::Epsg);
+    let mut draft = Draft::new(path, x, y, values, system);
+    draft.axis_unit = unit_of_wkt(&wkt).map(|(name, metres)| AxisUnit::Length(name, metres));
     if head.contains_key("xllcorner") {
         draft.registration = Registration::Pixel;
     }
     draft.finish(options)
-}
-
-/// The coordinate system of the `.prj` file.
-fn system(path: &Path) -> System {
-    let wkt = std::fs::read_to_string(path.with_extension("prj")).unwrap_or_default();
-    epsg_of_wkt(&wkt).map_or(System::Unknown, System::Epsg)
 }
 
 fn write(map: &AnomalyGrid, outputs: &mut Outputs) -> Result<(), ReadError> {

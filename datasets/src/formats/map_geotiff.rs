@@ -1,22 +1,23 @@
 //! Map grids in GeoTIFF: one band of numbers, any compression and layout that the TIFF decoder knows,
 //! row 0 in the north. [OGC 19-008r4, GeoTIFF 1.1]
 
-use std::{fs::File, io::BufReader, path::Path};
+use std::path::Path;
 
-use tiff::{
-    ColorType,
-    decoder::{Decoder, DecodingResult, Limits},
-    tags::Tag,
-};
+use tiff::tags::Tag;
 
 use super::{
     Head, MapFormat, MapOptions,
-    geotiff_keys::{GDAL_METADATA, GEOGRAPHIC_CODE, MODEL_TYPE, PROJECTED_CODE, RASTER_TYPE},
+    geotiff_band::{self, Reader, damaged},
+    geotiff_keys::{
+        ANGULAR_UNIT, GDAL_METADATA, GEOGRAPHIC_CODE, LINEAR_UNIT, LINEAR_UNIT_SIZE, MODEL_TYPE, PROJECTED_CODE,
+        RASTER_TYPE, unit_of_code,
+    },
+    geotiff_metadata::Metadata,
     guarded, map_geotiff_write,
 };
 use crate::{
     ReadError,
-    grid::{Draft, FileAxis, System},
+    grid::{AxisUnit, Draft, FileAxis, System},
 };
 use grids::{AnomalyGrid, Registration};
 
@@ -33,80 +34,37 @@ pub(super) const FORMAT: MapFormat = MapFormat {
 /// Little- and big-endian TIFF and BigTIFF.
 const MAGICS: [&[u8]; 4] = [b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"];
 
-/// The largest expansion factor of a TIFF compression.
-const MOST_INFLATION: u64 = 1100;
-
-type Reader = Decoder<BufReader<File>>;
-
 fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
-    let (place, values, metadata) = guarded(path, || {
-        let mut decoder = decoder(path)?;
+    let (place, values, metadata, further) = guarded(path, || {
+        let mut decoder = geotiff_band::decoder(path)?;
         let (width, height) = decoder.dimensions().map_err(|e| damaged(path, &e))?;
         let place = Georeference::read(path, &mut decoder, width as usize, height as usize)?;
-        let values = values(path, &mut decoder)?;
-        Ok((place, values, text(&mut decoder, GDAL_METADATA).unwrap_or_default()))
+        let metadata = decoder.get_tag_ascii_string(GDAL_METADATA).unwrap_or_default();
+        let (values, further) = geotiff_band::values(path, &mut decoder)?;
+        Ok((place, values, metadata, further))
     })?;
     let system = match place.epsg {
         Some(code) => System::Epsg(code),
         None if place.geographic => System::Degrees,
         None => System::Projected,
     };
+    let metadata = Metadata::read(path, &metadata)?;
     let mut draft = Draft::new(path, place.x, place.y, values, system);
     draft.registration = place.registration;
+    draft.raster_rows = true;
+    draft.axis_unit = place.unit;
     if !place.y.descends() {
         draft.notes.push("the file's first row is the southernmost".to_owned());
     }
-    draft.unit = item(&metadata, &["unit", "units", "UNITTYPE"]).map(|(_, unit)| unit);
+    if further > 0 {
+        draft.notes.push(format!("{further} further images of the file are not read"));
+    }
+    draft.packing = metadata.packing()?;
+    draft.unit = metadata.item(&["unit", "units", "UNITTYPE"]).map(|(_, unit)| unit.to_owned());
     if options.alt_m.is_none() {
         draft.level_m = height_m(&metadata, &mut draft.notes);
     }
     draft.finish(options)
-}
-
-fn decoder(path: &Path) -> Result<Reader, ReadError> {
-    let file = File::open(path).map_err(|e| ReadError::io(path, &e))?;
-    let bytes = file.metadata().map_err(|e| ReadError::io(path, &e))?.len();
-    // A damaged size must not exhaust memory: a size that the file cannot hold is rejected.
-    let mut limits = Limits::default();
-    let most = usize::try_from(bytes.saturating_mul(MOST_INFLATION).max(1 << 20)).unwrap_or(usize::MAX);
-    limits.decoding_buffer_size = most;
-    limits.intermediate_buffer_size = most;
-    limits.ifd_value_size = most.min(1 << 28);
-    let decoder = Decoder::new(BufReader::new(file)).map_err(|e| damaged(path, &e))?;
-    Ok(decoder.with_limits(limits))
-}
-
-fn damaged(path: &Path, error: &tiff::TiffError) -> ReadError {
-    ReadError::data(path, format!("not a whole TIFF file that can be read: {error}"))
-}
-
-/// The values as stored, the no-data value as NaN.
-fn values(path: &Path, decoder: &mut Reader) -> Result<Vec<f64>, ReadError> {
-    let colour = decoder.colortype().map_err(|e| damaged(path, &e))?;
-    if !matches!(colour, ColorType::Gray(_)) {
-        return Err(ReadError::data(path, format!("a map has one band; this is {colour:?}")));
-    }
-    let no_data =
-        text(decoder, Tag::GdalNodata).and_then(|t| t.trim().trim_end_matches('\0').trim().parse::<f64>().ok());
-    let image = decoder.read_image().map_err(|e| damaged(path, &e))?;
-    let whole = |x: f64| if Some(x) == no_data { f64::NAN } else { x };
-    Ok(match image {
-        // The text of a single-precision no-data value is rounded to single precision first.
-        DecodingResult::F32(v) => {
-            let no_data = no_data.map(|x| x as f32);
-            v.into_iter().map(|x| if Some(x) == no_data { f64::NAN } else { f64::from(x) }).collect()
-        }
-        DecodingResult::F64(v) => v.into_iter().map(whole).collect(),
-        DecodingResult::I8(v) => v.into_iter().map(|x| whole(f64::from(x))).collect(),
-        DecodingResult::I16(v) => v.into_iter().map(|x| whole(f64::from(x))).collect(),
-        DecodingResult::I32(v) => v.into_iter().map(|x| whole(f64::from(x))).collect(),
-        DecodingResult::U8(v) => v.into_iter().map(|x| whole(f64::from(x))).collect(),
-        DecodingResult::U16(v) => v.into_iter().map(|x| whole(f64::from(x))).collect(),
-        DecodingResult::U32(v) => v.into_iter().map(|x| whole(f64::from(x))).collect(),
-        _ => {
-            return Err(ReadError::data(path, "the band's values are of a kind that is not read").help("write Float32"));
-        }
-    })
 }
 
 /// The positions of the cells.
@@ -120,6 +78,8 @@ struct Georeference {
     epsg: Option<u16>,
     /// Whether the coordinates are degrees.
     geographic: bool,
+    /// The unit of the coordinates, where the file has one.
+    unit: Option<AxisUnit>,
 }
 
 impl Georeference {
@@ -130,7 +90,7 @@ impl Georeference {
         let keys = decoder.get_tag_u16_vec(Tag::GeoKeyDirectoryTag).unwrap_or_default();
         let key = |id: u16| keys.chunks_exact(4).skip(1).find(|k| k[0] == id && k[1] == 0).map(|k| k[3]);
         // User-defined systems have the code 32767, unknown ones 0.
-        let code = |id: u16| key(id).filter(|c| *c != 0 && *c != 32767);
+        let code = |id: u16| key(id).filter(|c| *c != 0 && *c != USER_DEFINED);
         let geographic = key(MODEL_TYPE) == Some(2);
         let epsg = if geographic { code(GEOGRAPHIC_CODE) } else { code(PROJECTED_CODE) };
         // Without a raster type the tie point is the corner of a cell, not its centre.
@@ -139,8 +99,32 @@ impl Georeference {
         let [x0, dx, y0, dy] = affine(path, decoder)?;
         let x = FileAxis::new(path, "x", x0 + dx * to_centre, dx, width)?;
         let y = FileAxis::new(path, "y", y0 + dy * to_centre, dy, height)?;
-        Ok(Georeference { x, y, registration, epsg, geographic })
+        let code = key(if geographic { ANGULAR_UNIT } else { LINEAR_UNIT }).filter(|c| *c != 0);
+        let unit = match code {
+            None => None,
+            Some(USER_DEFINED) if !geographic => Some(own_unit(path, decoder, &keys)?),
+            Some(code) => Some(unit_of_code(code).ok_or_else(|| {
+                ReadError::data(path, format!("the unit EPSG:{code} of the coordinates is not known"))
+                    .help("warp the map to a system in metres first")
+            })?),
+        };
+        Ok(Georeference { x, y, registration, epsg, geographic, unit })
     }
+}
+
+/// The code of what a file defines itself.
+const USER_DEFINED: u16 = 32_767;
+
+/// The length that the file defines as its unit, in metres.
+fn own_unit(path: &Path, decoder: &mut Reader, keys: &[u16]) -> Result<AxisUnit, ReadError> {
+    let doubles = decoder.get_tag_f64_vec(Tag::GeoDoubleParamsTag).unwrap_or_default();
+    let entry = keys.chunks_exact(4).skip(1).find(|k| k[0] == LINEAR_UNIT_SIZE);
+    let size = entry.and_then(|k| doubles.get(usize::from(k[3]))).copied().filter(|m| m.is_finite() && *m > 0.0);
+    let size = size.ok_or_else(|| {
+        ReadError::data(path, "the unit of the coordinates is user-defined, but its size is not given")
+            .help("warp the map to a system in metres first")
+    })?;
+    Ok(AxisUnit::Length(format!("units of {size} m"), size))
 }
 
 /// x of column 0 and its step, y of row 0 and its step.
@@ -160,24 +144,11 @@ fn affine(path: &Path, decoder: &mut Reader) -> Result<[f64; 4], ReadError> {
     }
 }
 
-fn text(decoder: &mut Reader, tag: Tag) -> Option<String> {
-    decoder.get_tag_ascii_string(tag).ok()
-}
-
 /// The height of the map: an item of GDAL's metadata with a height in metres.
-fn height_m(metadata: &str, notes: &mut Vec<String>) -> Option<f64> {
+fn height_m(metadata: &Metadata, notes: &mut Vec<String>) -> Option<f64> {
     const NAMES: [&str; 5] = ["level_height_m", "height_m", "altitude_m", "alt_m", "alt"];
-    let (name, text) = item(metadata, &NAMES)?;
+    let (name, text) = metadata.item(&NAMES)?;
     let alt_m = text.parse::<f64>().ok().filter(|x| x.is_finite())?;
     notes.push(format!("height {alt_m} m of the file's `{name}`, taken as above the ellipsoid"));
     Some(alt_m)
-}
-
-/// The first item of GDAL's metadata that has one of the names, with its name.
-fn item<'a>(metadata: &str, names: &[&'a str]) -> Option<(&'a str, String)> {
-    names.iter().find_map(|name| {
-        let item = metadata.split("<Item").find(|i| i.contains(&format!("name=\"{name}\"")))?;
-        let text = item.split('>').nth(1)?.split('<').next()?.trim();
-        (!text.is_empty()).then(|| (*name, text.to_owned()))
-    })
 }

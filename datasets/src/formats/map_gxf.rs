@@ -13,7 +13,7 @@ use super::{
 };
 use crate::{
     ReadError,
-    grid::{Draft, FileAxis, System},
+    grid::{AxisUnit, Draft, FileAxis, System, is_marker},
 };
 use grids::{AnomalyGrid, epsg_of_name};
 
@@ -54,9 +54,10 @@ fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
         0 => plain(path, grid, points * lines, objects.text("DUMM"))?,
         digits => unpacked(path, grid, points * lines, digits)?,
     };
-    let (scale, offset) = objects.transform()?;
-    let values = values.into_iter().map(|v| v * scale + offset).collect();
-    objects.draft(values, points, lines)?.finish(options)
+    let mut draft = objects.draft(values, points, lines)?;
+    draft.packing = objects.transform()?;
+    draft.axis_unit = objects.axis_unit()?;
+    draft.finish(options)
 }
 
 impl<'a> Objects<'a> {
@@ -104,13 +105,32 @@ impl<'a> Objects<'a> {
     }
 
     /// Scale and offset of the values.
-    fn transform(&self) -> Result<(f64, f64), ReadError> {
+    fn transform(&self) -> Result<[f64; 2], ReadError> {
         let scale = self.number("TRAN", 1.0)?;
         let words = self.text("TRAN").unwrap_or_default();
         let second = words.split([' ', ',', '\t']).filter(|w| !w.is_empty()).nth(1);
         let offset = second.map_or(Some(0.0), |w| w.parse::<f64>().ok());
         let offset = offset.ok_or_else(|| ReadError::data(self.path, "#TRANSFORM needs a scale and an offset"))?;
-        Ok((scale, offset))
+        Ok([scale, offset])
+    }
+
+    /// The unit of the coordinates: its name and the factor to metres; degrees have no factor of a length.
+    fn axis_unit(&self) -> Result<Option<AxisUnit>, ReadError> {
+        let Some(text) = self.text("UNIT") else { return Ok(None) };
+        let (name, factor) = text.split_once(',').unwrap_or((text, ""));
+        let (name, factor) = (name.trim().trim_matches('"'), factor.trim().parse::<f64>().ok());
+        let known = AxisUnit::of(name);
+        match (known, factor.filter(|m| m.is_finite() && *m > 0.0)) {
+            (Some(AxisUnit::Angle(deg)), _) => Ok(Some(AxisUnit::Angle(deg))),
+            (_, Some(_)) if name.to_ascii_lowercase().starts_with("deg") => Ok(Some(AxisUnit::Angle(1.0))),
+            (Some(AxisUnit::Length(_, metres)), Some(factor)) if (metres / factor - 1.0).abs() > 1e-5 => {
+                let what = format!("#UNIT_LENGTH says that a unit `{name}` is {factor} m");
+                Err(ReadError::data(self.path, what).help("correct the name or the factor"))
+            }
+            (_, Some(factor)) => Ok(Some(AxisUnit::Length(name.to_owned(), factor))),
+            (Some(unit), None) => Ok(Some(unit)),
+            (None, None) => AxisUnit::read(self.path, "UNIT_LENGTH", name),
+        }
     }
 
     /// Rows and columns in the order of `#SENSE`; the origin is the bottom left corner for any sense.
@@ -168,7 +188,8 @@ fn plain(path: &Path, grid: &str, count: usize, dummy: Option<&str>) -> Result<V
     let mut words = grid.split_whitespace();
     let values = numbers(path, &mut words, count)?;
     let dummy = dummy.and_then(|d| d.split_whitespace().next()).and_then(|d| d.parse::<f64>().ok());
-    Ok(values.into_iter().map(|v| if Some(v) == dummy { f64::NAN } else { v }).collect())
+    let known = |v: f64| if dummy.is_some_and(|dummy| is_marker(v, dummy)) { f64::NAN } else { v };
+    Ok(values.into_iter().map(known).collect())
 }
 
 /// Numbers of `digits` base-90 digits each, from `%` for 0; `!` begins an unknown one, `"` a run: its length, then

@@ -11,11 +11,12 @@ use super::{
     grid_bytes::bytes_of,
     guarded, hdf5,
     map_parquet::{EASTINGS, LATITUDES, LONGITUDES, NORTHINGS},
+    netcdf_values::Storage,
     netcdf_write,
 };
 use crate::{
     ReadError,
-    grid::{Draft, FileAxis, System},
+    grid::{AxisUnit, Draft, FileAxis, System},
 };
 use grids::{AnomalyGrid, Registration, epsg_of_wkt};
 
@@ -35,9 +36,6 @@ pub(super) const FORMAT: MapFormat = MapFormat {
 
 /// The largest expansion factor of the supported compressions.
 const MOST_INFLATION: u64 = 1032;
-
-/// Values of this size and more are not a field: NetCDF's own fill value is 9.97e36.
-const FILL: f64 = 1e30;
 
 /// Names of the grid, where there are several variables of two dimensions.
 const GRIDS: [&str; 9] =
@@ -96,8 +94,8 @@ impl<'p, 'a> Grid<'p, 'a> {
             .ok_or_else(|| ReadError::data(self.path, format!("holds no variable `{name}`")).nearest(name, &names))
     }
 
-    /// The values as numbers, unpacked, with missing values as NaN.
-    fn numbers(&self, variable: &NcVariable) -> Result<Vec<f64>, ReadError> {
+    /// The numbers as they are stored.
+    fn stored(&self, variable: &NcVariable) -> Result<impl Iterator<Item = f64>, ReadError> {
         let wrong = |what: &str| ReadError::data(self.path, what).in_column(variable.name());
         let count = variable.shape().iter().try_fold(1_u64, |n, d| n.checked_mul(*d));
         let size = variable.dtype().size().map_err(|_| wrong("holds no numbers"))? as u64;
@@ -106,16 +104,29 @@ impl<'p, 'a> Grid<'p, 'a> {
             return Err(wrong("its shape does not fit the size of the file"));
         }
         let values = self.file.read_variable_as_f64(variable.name());
-        let values = values.map_err(|e| wrong(&format!("the variable cannot be read: {e}")))?;
-        let of = |name: &str| variable.attribute(name).and_then(|a| a.value.as_f64_vec()).unwrap_or_default();
-        let missing = [of("_FillValue"), of("missing_value")].concat();
-        let (scale, offset) = (first(&of("scale_factor"), 1.0), first(&of("add_offset"), 0.0));
-        let float = matches!(variable.dtype(), NcType::Float | NcType::Double);
-        let one = |v: &f64| match missing.contains(v) || float && v.abs() >= FILL {
-            true => f64::NAN,
-            false => v * scale + offset,
-        };
-        Ok(values.iter().map(one).collect())
+        Ok(values.map_err(|e| wrong(&format!("the variable cannot be read: {e}")))?.into_iter())
+    }
+
+    /// The numbers of coordinates.
+    fn numbers(&self, variable: &NcVariable) -> Result<Vec<f64>, ReadError> {
+        Ok(Storage::of(self.path, variable)?.unpacked(self.stored(variable)?))
+    }
+
+    /// The numbers of the map as they are stored, NaN where unknown, with their scale and offset.
+    fn values(&self, map: &NcVariable, notes: &mut Vec<String>) -> Result<(Vec<f64>, [f64; 2]), ReadError> {
+        let storage = Storage::of(self.path, map)?;
+        Ok((storage.known(self.stored(map)?, notes), storage.packing))
+    }
+
+    /// The heights of the nodes, NaN where unknown.
+    fn heights(&self, variable: &NcVariable, notes: &mut Vec<String>) -> Result<Vec<f64>, ReadError> {
+        let (values, [scale, offset]) = self.values(variable, notes)?;
+        let unit = self.text(Some(variable), "units").unwrap_or_else(|| "m".to_owned());
+        let metres = schemas::convert(&unit, "m").ok_or_else(|| {
+            let what = format!("the unit `{unit}` does not convert to m");
+            ReadError::data(self.path, what).in_column(variable.name())
+        })?;
+        Ok(values.into_iter().map(|v| (v * scale + offset) * metres).collect())
     }
 
     fn text(&self, variable: Option<&NcVariable>, name: &str) -> Option<String> {
@@ -168,24 +179,23 @@ impl<'p, 'a> Grid<'p, 'a> {
         // Usually rows of one latitude each; transposed where the coordinates are in the other order.
         let swapped = self.is_y(inner) && !self.is_y(outer) || self.is_x(outer) && !self.is_x(inner);
         let (x, y) = if swapped { (outer, inner) } else { (inner, outer) };
-        let (unit_x, unit_y) = (self.text(Some(x), "units"), self.text(Some(y), "units"));
-        let (scale, mut notes) = self.metres(unit_x.as_deref(), unit_y.as_deref());
-        let axis = |v: &NcVariable, scale: f64| {
-            let coordinates: Vec<f64> = self.numbers(v)?.iter().map(|c| c * scale).collect();
-            FileAxis::of(self.path, v.name(), &coordinates)
-        };
-        let (x_axis, y_axis) = (axis(x, scale)?, axis(y, scale)?);
+        let mut notes = vec![];
+        let axis = |v: &NcVariable| FileAxis::of(self.path, v.name(), &self.numbers(v)?);
+        let (x_axis, y_axis) = (axis(x)?, axis(y)?);
         if y_axis.descends() {
             notes.push("the file's rows run from north to south; reversed".to_owned());
         }
         let ordered = |values: Vec<f64>| if swapped { transposed(&values, y_axis.len()) } else { values };
-        let values = ordered(self.numbers(map)?);
+        let (values, packing) = self.values(map, &mut notes)?;
         let system = self.system(map, x, y);
-        let mut draft = Draft::new(self.path, x_axis, y_axis, values, system);
-        draft.notes.append(&mut notes);
+        let mut draft = Draft::new(self.path, x_axis, y_axis, ordered(values), system);
+        draft.packing = packing;
+        draft.axis_unit = self.axis_unit(x, y)?;
         self.describe(&mut draft, map);
         let height = self.variables().iter().find(|v| HEIGHTS.contains(&v.name()) && v.shape() == map.shape());
-        draft.heights = height.filter(|h| h.name() != map.name()).map(|h| self.numbers(h)).transpose()?.map(ordered);
+        let height = height.filter(|h| h.name() != map.name());
+        draft.heights = height.map(|h| self.heights(h, &mut notes)).transpose()?.map(ordered);
+        draft.notes.append(&mut notes);
         Ok(draft)
     }
 
@@ -199,13 +209,13 @@ impl<'p, 'a> Grid<'p, 'a> {
         }
     }
 
-    /// The factor and the note that convert coordinates in kilometres to metres.
-    fn metres(&self, x: Option<&str>, y: Option<&str>) -> (f64, Vec<String>) {
-        let kilometres = |u: Option<&str>| u.is_some_and(|u| schemas::convert(u, "m") == Some(1000.0));
-        match kilometres(x) && kilometres(y) {
-            true => (1000.0, vec!["coordinates in km times 1000 are m".to_owned()]),
-            false => (1.0, vec![]),
-        }
+    /// The unit of the coordinates.
+    fn axis_unit(&self, x: &NcVariable, y: &NcVariable) -> Result<Option<AxisUnit>, ReadError> {
+        let of = |v: &NcVariable| match self.text(Some(v), "units") {
+            Some(text) => AxisUnit::read(self.path, v.name(), &text),
+            None => Ok(None),
+        };
+        AxisUnit::of_both(self.path, of(x)?, of(y)?)
     }
 
     fn is_x(&self, v: &NcVariable) -> bool {
@@ -285,7 +295,13 @@ impl<'p, 'a> Grid<'p, 'a> {
             unit.to_ascii_lowercase().contains("degree")
         };
         let system = if degrees("x_range") && degrees("y_range") { System::Degrees } else { System::Unknown };
-        let mut draft = Draft::new(self.path, x, y, self.numbers(z)?, system);
+        let mut notes = vec![];
+        let (values, packing) = self.values(z, &mut notes)?;
+        let mut draft = Draft::new(self.path, x, y, values, system);
+        draft.packing = packing;
+        draft.notes = notes;
+        let unit = |name: &str| self.find(name).and_then(|v| self.text(Some(v), "units")).unwrap_or_default();
+        draft.axis_unit = AxisUnit::read(self.path, "x_range", &unit("x_range"))?;
         self.describe(&mut draft, z);
         let unit = self.find("z_range").and_then(|v| self.text(Some(v), "units"));
         draft.unit = unit.filter(|u| !["z", "user_z_unit"].contains(&u.as_str()));
@@ -295,10 +311,6 @@ impl<'p, 'a> Grid<'p, 'a> {
         }
         Ok(draft)
     }
-}
-
-fn first(values: &[f64], default: f64) -> f64 {
-    values.first().copied().unwrap_or(default)
 }
 
 /// Values by columns, row by row; `height` rows.

@@ -16,7 +16,7 @@ use schemas::{Role, field, map::ERROR};
 use super::{Head, MapFormat, MapOptions, guarded, output::Outputs, parquet};
 use crate::{
     ReadError,
-    grid::{Draft, System, from_nodes},
+    grid::{AxisUnit, Draft, System, from_nodes, split_unit},
 };
 use grids::{AnomalyGrid, WGS84};
 
@@ -46,7 +46,12 @@ pub(super) fn gives_error(path: &Path) -> bool {
 fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     let builder = parquet::builder(path)?;
     let names: Vec<String> = builder.schema().fields().iter().map(|f| f.name().clone()).collect();
-    let known = |kinds: &[&str]| names.iter().find(|n| kinds.contains(&n.as_str())).cloned();
+    let exact = |kinds: &[&str]| names.iter().find(|n| kinds.contains(&n.as_str())).cloned();
+    let ends_in_unit = |kinds: &[&str]| kinds == EASTINGS || kinds == NORTHINGS;
+    let known = |kinds: &[&str]| {
+        let base = |n: &&String| kinds.contains(&split_unit(n).0.to_ascii_lowercase().as_str());
+        exact(kinds).or_else(|| names.iter().find(base).filter(|_| ends_in_unit(kinds)).cloned())
+    };
     let need = |kinds: &[&str]| {
         known(kinds).ok_or_else(|| {
             ReadError::data(path, format!("the map needs a column `{}`", kinds[0])).nearest(kinds[0], &names)
@@ -57,20 +62,32 @@ fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     let (x, y) = if projected { (need(EASTINGS)?, need(NORTHINGS)?) } else { (need(LONGITUDES)?, need(LATITUDES)?) };
     let unit = builder.schema().field_with_name(&anomaly).ok().and_then(|f| f.metadata().get("unit").cloned());
     let code = builder.schema().field_with_name(&x).ok().and_then(|f| f.metadata().get("epsg")?.parse().ok());
+    let said = |name: &str, key: &str| builder.schema().field_with_name(name).ok()?.metadata().get(key).cloned();
+    let units = [said(&x, "unit"), said(&y, "unit")];
+    let axis_unit = axis_unit(path, [&x, &y], units.each_ref().map(Option::as_deref))?;
+    let packing = ["scale_factor", "add_offset"].map(|key| said(&anomaly, key));
+    let alt_unit = known(HEIGHTS).and_then(|name| said(&name, "unit").or_else(|| Some(split_unit(&name).1.to_owned())));
     let batches: Vec<RecordBatch> = guarded(path, || {
         let reader = builder.with_batch_size(65_536).build();
         let reader = reader.map_err(|e| parquet::damaged(path, &e.to_string()))?;
         reader.collect::<Result<_, _>>().map_err(|e| parquet::damaged(path, &e.to_string()))
     })?;
     let made = of_stage(path, &names, &batches)?;
-    let (x, y, code) = match made {
-        Some(made) if made != WGS84 => ("easting".to_owned(), "northing".to_owned(), Some(made)),
-        Some(_) | None => (x, y, code),
+    let (x, y, code, axis_unit) = match made {
+        Some(made) if made != WGS84 => ("easting".to_owned(), "northing".to_owned(), Some(made), None),
+        Some(_) => (x, y, code, None),
+        None => (x, y, code, axis_unit),
     };
     let (xs, ys) = (numbers(path, &batches, &x)?, numbers(path, &batches, &y)?);
     let (x, y) = ((x.as_str(), xs.as_slice()), (y.as_str(), ys.as_slice()));
     let values = numbers(path, &batches, &anomaly)?;
-    let height = known(HEIGHTS).map(|name| numbers(path, &batches, &name)).transpose()?;
+    let mut height = known(HEIGHTS).map(|name| numbers(path, &batches, &name)).transpose()?;
+    if let (Some(heights), Some(unit)) = (&mut height, alt_unit.filter(|u| !u.is_empty())) {
+        let metres = schemas::convert(&unit, "m").ok_or_else(|| {
+            ReadError::data(path, format!("the unit `{unit}` does not convert to m")).in_column("alt")
+        })?;
+        heights.iter_mut().for_each(|alt| *alt *= metres);
+    }
     let error = known(&[ERROR]).map(|name| numbers(path, &batches, &name)).transpose()?;
     let columns = [Some(&values), height.as_ref(), error.as_ref()];
     let columns: Vec<&[f64]> = columns.into_iter().flatten().map(Vec::as_slice).collect();
@@ -85,7 +102,27 @@ fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     let mut draft = Draft::new(path, nodes.x, nodes.y, nodes.values.pop().unwrap_or_default(), system);
     draft.unit = unit;
     (draft.heights, draft.errors) = (heights, errors);
+    draft.axis_unit = axis_unit;
+    for (own, said) in draft.packing.iter_mut().zip(packing) {
+        let Some(text) = said else { continue };
+        let number = text.trim().parse::<f64>();
+        *own = number.map_err(|_| {
+            ReadError::data(path, format!("the scale or offset `{text}` is not a number")).in_column(&anomaly)
+        })?;
+    }
     draft.finish(options)
+}
+
+/// The unit of coordinates: that of the columns' metadata, else that of their names.
+///
+/// # Errors
+/// Fails for a unit that is not known, and for two units.
+pub(super) fn axis_unit(path: &Path, names: [&str; 2], said: [Option<&str>; 2]) -> Result<Option<AxisUnit>, ReadError> {
+    let of = |name: &str, said: Option<&str>| {
+        let unit = said.filter(|u| !u.is_empty()).unwrap_or_else(|| split_unit(name).1);
+        AxisUnit::read(path, name, unit)
+    };
+    AxisUnit::of_both(path, of(names[0], said[0])?, of(names[1], said[1])?)
 }
 
 /// The coordinate system of a map that a stage has made ([`schemas::map::MADE_COLUMNS`]); `None` of another table.

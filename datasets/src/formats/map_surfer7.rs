@@ -12,7 +12,7 @@ use super::{
 };
 use crate::{
     ReadError,
-    grid::{Draft, FileAxis, System},
+    grid::{Draft, FileAxis, System, is_marker},
 };
 use grids::AnomalyGrid;
 
@@ -77,7 +77,7 @@ fn data(
     section: &mut Fields,
 ) -> Result<AnomalyGrid, ReadError> {
     // Version 1 blanks all from the blank value on, version 2 that value alone.
-    let blank = |v: f64| if version >= 2 { v == place.blank } else { v >= place.blank };
+    let blank = |v: f64| is_marker(v, place.blank) || version < 2 && v >= place.blank;
     let value = |b: &[u8]| b.try_into().map_or(f64::NAN, f64::from_le_bytes);
     let known = |v: f64| if blank(v) || v >= SURFER_BLANK { f64::NAN } else { v };
     let values = section.take(8 * place.width * place.height)?.chunks_exact(8).map(|b| known(value(b))).collect();

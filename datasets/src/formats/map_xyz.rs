@@ -8,8 +8,8 @@ use std::{io::Write, path::Path};
 use super::{
     Head, MapFormat, MapOptions,
     csv::number,
-    grid_bytes::{text, without_dummy},
-    map_parquet::{ANOMALIES, EASTINGS, HEIGHTS, LATITUDES, LONGITUDES, NORTHINGS},
+    grid_bytes::text,
+    map_parquet::{ANOMALIES, EASTINGS, HEIGHTS, LATITUDES, LONGITUDES, NORTHINGS, axis_unit},
     output::Outputs,
     text_table::{self, TextTable},
 };
@@ -69,8 +69,8 @@ fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
         (None, false) => System::Unknown,
     };
     let mut draft = Draft::new(path, nodes.x, nodes.y, nodes.values.pop().unwrap_or_default(), system);
-    without_dummy(&mut draft.values, &mut draft.notes);
     draft.heights = heights;
+    draft.axis_unit = axis_unit(path, [name(x), name(y)], [None, None])?;
     draft.level_m = said.height_m;
     draft.unit = said.unit;
     draft.finish(options)
@@ -87,7 +87,7 @@ fn columns(path: &Path, table: &TextTable) -> Result<(usize, usize, usize, bool)
         };
     }
     let degrees = table.find(LONGITUDES).zip(table.find(LATITUDES));
-    let place = degrees.or_else(|| table.find(EASTINGS).zip(table.find(NORTHINGS)));
+    let place = degrees.or_else(|| table.find_axis(EASTINGS).zip(table.find_axis(NORTHINGS)));
     let value = table.find(ANOMALIES).or_else(|| table.find(VALUES));
     match (place, value) {
         (Some((x, y)), Some(value)) => Ok((x, y, value, degrees.is_some())),

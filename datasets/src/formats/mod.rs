@@ -22,8 +22,11 @@ mod adopt;
 mod csv;
 mod dataflash;
 mod decimal;
+mod foreign;
 mod geosoft_xyz;
+mod geotiff_band;
 mod geotiff_keys;
+mod geotiff_metadata;
 mod grid_bytes;
 mod hdf5;
 mod hdf5_early;
@@ -49,6 +52,7 @@ mod map_xyz;
 mod mat;
 mod mfam;
 mod missing;
+mod netcdf_values;
 mod netcdf_write;
 mod observatory;
 mod options;
@@ -61,8 +65,10 @@ mod records;
 mod sgl;
 mod sgl_hdf5;
 mod sgl_xyz;
+pub(crate) mod side_files;
 mod stream;
 mod text_table;
+mod tiff_directories;
 mod topics;
 mod ulog;
 mod unit_name;
@@ -70,6 +76,7 @@ mod unit_name;
 pub use grids::{Extra, MapTable, SurveyPoints};
 pub use iaga2002::{ObservatoryRecord, read_iaga2002};
 pub use imf::read_imf;
+pub(crate) use options::markers;
 pub use options::{FlightOptions, MapOptions};
 pub use output::{check_output, write_grid};
 pub use points::{PointOptions, doubts, read_points};
@@ -485,6 +492,7 @@ pub fn map_files(path: &Path) -> Result<Vec<PathBuf>, ReadError> {
     if path.is_dir() {
         return Ok(files);
     }
+    files.extend(side_files::existing(path));
     let head = Head::read(path)?;
     for format in MAP_FORMATS {
         if let Some(beside) = format.beside.filter(|_| (format.recognise)(&head)) {
@@ -510,14 +518,20 @@ impl Choice {
 fn choose(head: &Head, named: Option<&str>, known: &[Choice], kind: &str) -> Result<usize, ReadError> {
     let names: Vec<&str> = known.iter().map(|c| c.name).collect();
     if let Some(name) = named {
-        let found = known.iter().position(|c| c.name == name);
-        return found.ok_or_else(|| {
+        let found = known.iter().position(|c| c.name == name).ok_or_else(|| {
             ReadError::options(head.path, format!("there is no {kind} format `{name}`")).nearest(name, &names)
-        });
+        })?;
+        let foreign = foreign::refused(head).filter(|_| !(known[found].recognise)(head));
+        return foreign.map_or(Ok(found), Err);
     }
     let lower = head.path.to_string_lossy().to_ascii_lowercase();
     let by_extension = |c: &Choice| c.extensions.iter().any(|e| lower.ends_with(&format!(".{e}")));
-    let found = known.iter().position(|c| (c.recognise)(head)).or_else(|| known.iter().position(by_extension));
+    let recognised = known.iter().position(|c| (c.recognise)(head));
+    // A text may look like a table of numbers and be another thing.
+    if let Some(foreign) = foreign::refused(head) {
+        return Err(foreign);
+    }
+    let found = recognised.or_else(|| known.iter().position(by_extension));
     found.ok_or_else(|| {
         ReadError::data(head.path, format!("is not in a known {kind} format"))
             .help(format!("known here: {}; choose one with `format`", names.join(", ")))
@@ -536,5 +550,9 @@ mod log_tests;
 mod map_damage_tests;
 #[cfg(test)]
 mod map_tests;
+#[cfg(test)]
+mod raster_files;
+#[cfg(test)]
+mod raster_tests;
 #[cfg(test)]
 mod tests;

@@ -1,10 +1,11 @@
 //! How files are read: what a table of a spec says beside its path.
 
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, path::Path};
 
 use schemas::{Word, params, plausible::Accept};
 
 use super::missing::Missing;
+use crate::ReadError;
 
 params! {
     /// How a flight log is read.
@@ -50,4 +51,21 @@ params! {
     alt_m: Option<f64>, unit "m", default None, absent "the file's";
     /// The unit of the anomaly.
     unit: Option<String>, unit "", default None, absent "the file's, or nT";
+    /// Numbers that mark an unknown value, in addition to those that the file names and to the usual ones beyond any
+    /// field (the largest single-precision number, Surfer's blank, Geosoft's -1e32).
+    missing: Vec<Word>, unit "", default Vec::<Word>::new();
+    /// What is accepted although it looks impossible.
+    accept: Vec<Accept>, unit "", default Vec::<Accept>::new();
+}
+
+/// The numbers among the words of `missing`.
+///
+/// # Errors
+/// Fails for a word that is not a number: a map has numbers alone.
+pub(crate) fn markers(path: &Path, missing: &[Word]) -> Result<Vec<f64>, ReadError> {
+    let one = |word: &Word| {
+        let number = word.0.trim().parse::<f64>().ok();
+        number.ok_or_else(|| ReadError::options(path, format!("`{}` of `missing` is not a number", word.0)))
+    };
+    missing.iter().map(one).collect()
 }

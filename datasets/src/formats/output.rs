@@ -7,7 +7,7 @@ use std::{
     sync::atomic::{AtomicU64, Ordering},
 };
 
-use super::{MAP_FORMATS, MapFormat};
+use super::{MAP_FORMATS, MapFormat, side_files::refuse_stale};
 use crate::ReadError;
 use grids::AnomalyGrid;
 
@@ -33,6 +33,7 @@ pub fn write_grid(path: &Path, map: &AnomalyGrid, format: Option<&str>) -> Resul
     let Some(write) = chosen.write else {
         return Err(not_written(path, chosen.name));
     };
+    refuse_stale(path)?;
     map.check()?;
     // Read back, the values would be taken for an anomaly.
     if map.value_unit != "nT" && !KEEP_UNIT.contains(&chosen.name) {
@@ -53,6 +54,7 @@ pub fn check_output(path: &Path, format: Option<&str>) -> Result<(), ReadError> 
     if chosen.write.is_none() {
         return Err(not_written(path, chosen.name));
     }
+    refuse_stale(path)?;
     match path.parent().filter(|folder| !folder.as_os_str().is_empty() && !folder.is_dir()) {
         Some(folder) => Err(ReadError::options(path, format!("the folder `{}` does not exist", folder.display()))),
         None => Ok(()),

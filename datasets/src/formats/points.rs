@@ -3,11 +3,19 @@
 use numerics::angle::wrap_deg;
 use std::path::Path;
 
+use schemas::{
+    Word,
+    plausible::{Accept, limits},
+};
+
 use super::{
-    grid_bytes::without_dummy,
+    markers,
     points_table::{Column, Table, load},
 };
-use crate::ReadError;
+use crate::{
+    ReadError,
+    grid::{AxisUnit, Origin, Unit, accepted, check_values, without_markers},
+};
 use grids::{Crs, Extra, SurveyPoints, WGS84, metres, no_metres, plane};
 
 /// How to read survey points. Columns that are not named are found by the usual names.
@@ -30,6 +38,10 @@ pub struct PointOptions {
     /// The EPSG code of the plane of the points; by default that of `x` and `y` where they are eastings and
     /// northings, else the UTM zone of the middle of the points.
     pub to_epsg: Option<u16>,
+    /// Numbers that mark a missing position, height or value, in the unit of the file.
+    pub missing: Vec<Word>,
+    /// What is accepted although it looks impossible.
+    pub accept: Vec<Accept>,
 }
 
 const LATITUDES: &[&str] = &["lat", "latitude_deg", "latitude", "lat_deg", "lat_wgs84", "latitude_wgs84", "gps_lat"];
@@ -196,11 +208,10 @@ impl<'a> Found<'a> {
     }
 
     fn points(&self, path: &Path, options: &PointOptions) -> Result<SurveyPoints, ReadError> {
-        let angle = self.system.is_geographic();
-        let (x, y) = (
-            self.x.in_unit(path, if angle { "deg" } else { "" })?,
-            self.y.in_unit(path, if angle { "deg" } else { "" })?,
-        );
+        let missing = markers(path, &options.missing)?;
+        let usual = !accepted(&options.accept);
+        let mut notes = vec![];
+        let (x, y) = self.coordinates(path, options, &missing, &mut notes)?;
         let kept: Vec<usize> =
             x.iter().zip(&y).enumerate().filter(|(_, (x, y))| x.is_finite() && y.is_finite()).map(|(i, _)| i).collect();
         if kept.is_empty() {
@@ -217,7 +228,6 @@ impl<'a> Found<'a> {
         if crs.is_geographic() {
             return Err(no_metres(path, &crs));
         }
-        let mut notes = vec![];
         let (easting_m, northing_m) = if crs == self.system {
             let scaled = |values: &[f64]| values.iter().map(|v| v * crs.unit_m()).collect();
             (scaled(&x), scaled(&y))
@@ -225,13 +235,23 @@ impl<'a> Found<'a> {
             let rows: Vec<u64> = kept.iter().map(|row| *row as u64).collect();
             metres(path, &crs, (&lat_deg, &lon_deg), &rows, &mut notes)?
         };
-        let height_m = self.height.map(|c| c.in_unit(path, "m")).transpose()?;
-        let mut value_nt = pick(&self.value.in_unit(path, "nT")?);
+        let height_m = self.height.map(|c| self.heights(path, c, options, &missing, &mut notes)).transpose()?;
+        let (factor, unit) = self.value.factor(path, "nT")?;
+        let mut value_nt = pick(&self.value.numbers(path)?);
         let (line, lines) = self.lines(&kept);
         if kept.len() < self.table.rows {
             notes.push(format!("{} points without a position are skipped", self.table.rows - kept.len()));
         }
-        without_dummy(&mut value_nt, &mut notes);
+        without_markers(&mut value_nt, &missing, usual, &mut notes);
+        if usual {
+            let wrong = |i: usize, what: String| {
+                let row = kept.get(i).copied().unwrap_or(i) as u64;
+                ReadError::data(path, what).in_column(&self.value.name).in_row(row)
+            };
+            check_values(&value_nt, &Unit { name: &unit, factor, canonical: "nT" }, &mut notes, wrong)?;
+        }
+        let finite = |v: f64| if v.is_finite() { v } else { f64::NAN };
+        value_nt.iter_mut().for_each(|v| *v = finite(*v * factor));
         let unknown = value_nt.iter().filter(|v| v.is_nan()).count();
         if unknown > 0 {
             notes.push(format!("{unknown} points have no value"));
@@ -253,6 +273,53 @@ impl<'a> Found<'a> {
             row,
             notes,
         })
+    }
+
+    /// The coordinates in the unit of their system, NaN where they are missing.
+    fn coordinates(
+        &self,
+        path: &Path,
+        options: &PointOptions,
+        missing: &[f64],
+        notes: &mut Vec<String>,
+    ) -> Result<(Vec<f64>, Vec<f64>), ReadError> {
+        let unit = AxisUnit::of_both(path, self.x.axis_unit(path)?, self.y.axis_unit(path)?)?;
+        let named = |c: &Column, known: &[&str]| known.contains(&&*c.name.to_ascii_lowercase());
+        let degrees = named(self.x, LONGITUDES) && named(self.y, LATITUDES);
+        let unit = unit.or_else(|| degrees.then_some(AxisUnit::Angle(1.0)));
+        let origin = if options.epsg.is_some() { Origin::Given } else { Origin::File };
+        let factor = unit.map_or(Ok(1.0), |unit| unit.into_system(path, &self.system, origin, notes))?;
+        let of = |column: &Column, notes: &mut Vec<String>| -> Result<Vec<f64>, ReadError> {
+            let mut values = column.numbers(path)?;
+            without_markers(&mut values, missing, false, notes);
+            values.iter_mut().for_each(|v| *v *= factor);
+            Ok(values)
+        };
+        Ok((of(self.x, notes)?, of(self.y, notes)?))
+    }
+
+    /// Heights in metres, NaN where they are missing.
+    fn heights(
+        &self,
+        path: &Path,
+        column: &Column,
+        options: &PointOptions,
+        missing: &[f64],
+        notes: &mut Vec<String>,
+    ) -> Result<Vec<f64>, ReadError> {
+        let (factor, _) = column.factor(path, "m")?;
+        let mut heights = column.numbers(path)?;
+        let usual = !accepted(&options.accept);
+        without_markers(&mut heights, missing, usual, notes);
+        heights.iter_mut().for_each(|alt| *alt *= factor);
+        let possible = |alt: &f64| alt.is_nan() || limits("alt").is_none_or(|l| l.holds(*alt));
+        if let Some(row) = heights.iter().position(|alt| usual && !possible(alt)) {
+            let what = format!("{} m is not a height of an aircraft", heights[row]);
+            let help = "if it marks a missing value, set `missing` or give `--missing`; `accept = [\"range\"]` or \
+                        `--accept range` takes the values as they are";
+            return Err(ReadError::data(path, what).in_column(&column.name).in_row(row as u64).help(help));
+        }
+        Ok(heights)
     }
 
     fn degrees(&self, path: &Path, x: &[f64], y: &[f64], rows: &[usize]) -> Result<(Vec<f64>, Vec<f64>), ReadError> {
@@ -325,8 +392,8 @@ fn place_columns<'a>(
     let pairs = [(LONGITUDES, LATITUDES), (EASTINGS, NORTHINGS)];
     let pairs = if projected { [pairs[1], pairs[0]] } else { pairs };
     for (xs, ys) in pairs {
-        let x = table.named_or(path, options.x.as_deref(), xs, "x")?;
-        let y = table.named_or(path, options.y.as_deref(), ys, "y")?;
+        let x = table.axis_or(path, options.x.as_deref(), xs, "x")?;
+        let y = table.axis_or(path, options.y.as_deref(), ys, "y")?;
         if let (Some(x), Some(y)) = (x, y) {
             return Ok((x, y));
         }

@@ -37,6 +37,8 @@ fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadEr
             value: named(&["anomaly"]),
             line: named(&["line"]),
             epsg: options.epsg,
+            missing: options.missing.iter().filter(|w| w.0.trim().parse::<f64>().is_ok()).cloned().collect(),
+            accept: options.accept.clone(),
             ..PointOptions::default()
         },
     )?;

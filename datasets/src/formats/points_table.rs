@@ -7,9 +7,10 @@ use arrow_cast::cast;
 use arrow_schema::{DataType, SchemaRef};
 use schemas::convert;
 
-use super::{FLIGHT_FORMATS, FlightOptions, Head, adopt, guarded, open_flight, parquet, text_table};
+use super::{FLIGHT_FORMATS, FlightOptions, Head, adopt, foreign, guarded, open_flight, parquet, text_table};
 use crate::{
     ReadError,
+    grid::{AxisUnit, is_dummy, split_unit},
     table::{Values, array},
 };
 
@@ -53,6 +54,9 @@ pub(super) fn load(path: &Path, format: Option<&str>) -> Result<Table, ReadError
         }
         None if head.starts_with(parquet::MAGIC) => from_parquet(path),
         None => {
+            if let Some(foreign) = foreign::refused(&head) {
+                return Err(foreign);
+            }
             let recognised = FLIGHT_FORMATS.iter().find(|f| (f.recognise)(&head)).map(|f| f.name);
             match recognised {
                 // Blank-separated text with comments is such a flight log only if it has the log's columns.
@@ -119,6 +123,22 @@ impl Table {
         self.columns.iter().find(|c| c.name.eq_ignore_ascii_case(name))
     }
 
+    /// [`Table::named_or`] of a coordinate, whose name may end in a unit.
+    ///
+    /// # Errors
+    /// Fails for a named column that does not exist.
+    pub(super) fn axis_or(
+        &self,
+        path: &Path,
+        given: Option<&str>,
+        known: &[&str],
+        what: &str,
+    ) -> Result<Option<&Column>, ReadError> {
+        let found = self.named_or(path, given, known, what)?;
+        let base = |c: &&Column, name: &str| split_unit(&c.name).0.eq_ignore_ascii_case(name);
+        Ok(found.or_else(|| known.iter().find_map(|name| self.columns.iter().find(|c| base(c, name)))))
+    }
+
     /// The column that the options name, else the first of the usual names.
     ///
     /// # Errors
@@ -166,9 +186,41 @@ impl Column {
         self.chunks.iter().all(|c| c.data_type().is_numeric())
     }
 
+    /// The factor from the unit of the file to `wanted`, and the name of that unit.
+    ///
+    /// # Errors
+    /// Fails for a unit that does not convert.
+    pub(super) fn factor(&self, path: &Path, wanted: &str) -> Result<(f64, String), ReadError> {
+        if self.unit.is_empty() {
+            return Ok((1.0, wanted.to_owned()));
+        }
+        let factor = convert(&self.unit, wanted).ok_or_else(|| {
+            let what = format!("the unit `{}` does not convert to {wanted}", self.unit);
+            ReadError::data(path, what).in_column(&self.name)
+        })?;
+        Ok((factor, self.unit.clone()))
+    }
+
     /// Whether its unit is one of angles.
     pub(super) fn is_angle(&self) -> bool {
         convert(&self.unit, "deg").is_some()
+    }
+
+    /// The unit of a coordinate: that of the file, else that of the name.
+    ///
+    /// # Errors
+    /// Fails for a unit that is not known.
+    pub(super) fn axis_unit(&self, path: &Path) -> Result<Option<AxisUnit>, ReadError> {
+        let said = if self.unit.is_empty() { split_unit(&self.name).1 } else { &self.unit };
+        AxisUnit::read(path, &self.name, said)
+    }
+
+    /// The numbers of the file, whatever their unit.
+    ///
+    /// # Errors
+    /// Fails for values that are no numbers.
+    pub(super) fn numbers(&self, path: &Path) -> Result<Vec<f64>, ReadError> {
+        self.in_unit(path, "")
     }
 
     /// The numbers, in a unit; unchanged where that is empty, or the file gives none.
@@ -176,14 +228,7 @@ impl Column {
     /// # Errors
     /// Fails for values that are no numbers, and a unit that does not convert.
     pub(super) fn in_unit(&self, path: &Path, wanted: &str) -> Result<Vec<f64>, ReadError> {
-        let factor = match self.unit.as_str() {
-            "" => 1.0,
-            _ if wanted.is_empty() => 1.0,
-            unit => convert(unit, wanted).ok_or_else(|| {
-                let what = format!("the unit `{unit}` does not convert to {wanted}");
-                ReadError::data(path, what).in_column(&self.name)
-            })?,
-        };
+        let factor = if wanted.is_empty() { 1.0 } else { self.factor(path, wanted)?.0 };
         let mut out = vec![];
         for chunk in &self.chunks {
             if !chunk.data_type().is_numeric() {
@@ -192,7 +237,7 @@ impl Column {
             let numbers = cast(chunk, &DataType::Float64).map_err(|e| ReadError::data(path, e.to_string()))?;
             let numbers = numbers.as_primitive::<Float64Type>();
             // Geosoft's dummy, and others of its size, are not a field, height or position.
-            let known = |x: f64| if x.abs() >= 1e30 { f64::NAN } else { x * factor };
+            let known = |x: f64| if is_dummy(x) { f64::NAN } else { x * factor };
             out.extend(numbers.iter().map(|x| x.map_or(f64::NAN, known)));
         }
         Ok(out)

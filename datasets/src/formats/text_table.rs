@@ -4,7 +4,7 @@
 use std::path::Path;
 
 use super::{csv::number, decimal, missing};
-use crate::{ReadError, table::Values};
+use crate::{ReadError, grid::split_unit, table::Values};
 
 /// A table of text.
 #[derive(Debug)]
@@ -170,6 +170,12 @@ impl TextTable {
     /// The index of the column of one of the names, in the order of the names; case does not matter.
     pub(super) fn find(&self, known: &[&str]) -> Option<usize> {
         known.iter().find_map(|k| self.names.iter().position(|n| lower(n) == *k))
+    }
+
+    /// [`TextTable::find`] of a coordinate, whose name may end in a unit.
+    pub(super) fn find_axis(&self, known: &[&str]) -> Option<usize> {
+        let base = |n: &String| lower(split_unit(n).0);
+        self.find(known).or_else(|| known.iter().find_map(|k| self.names.iter().position(|n| base(n) == *k)))
     }
 
     /// The numbers of a column.

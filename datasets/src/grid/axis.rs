@@ -72,6 +72,11 @@ impl FileAxis {
         Ok(axis)
     }
 
+    /// The axis in another unit.
+    pub(crate) fn scaled(self, factor: f64) -> FileAxis {
+        FileAxis { first: self.first * factor, step: self.step * factor, ..self }
+    }
+
     /// The number of coordinates.
     pub(crate) fn len(&self) -> usize {
         self.len

@@ -4,8 +4,16 @@ use std::path::Path;
 
 use schemas::convert;
 
-use super::axis::FileAxis;
-use crate::{MapOptions, ReadError};
+use super::{
+    axis::FileAxis,
+    axis_unit::{AxisUnit, Origin},
+    markers::without_markers,
+    plausible::{self, Unit, accepted},
+};
+use crate::{
+    MapOptions, ReadError,
+    formats::{markers, side_files::SideFiles},
+};
 use grids::{AnomalyGrid, Crs, DERIVATIVES, Height, NANOTESLA, Registration, WGS84, check_count, longitude};
 
 /// A map in the order of its file.
@@ -14,8 +22,12 @@ pub(crate) struct Draft<'a> {
     /// The axis that runs fastest in `values`.
     pub(crate) x: FileAxis,
     pub(crate) y: FileAxis,
-    /// Row by row; values that the file marks as unknown are already NaN.
+    /// Row by row, as stored; values that the file marks as unknown are already NaN.
     pub(crate) values: Vec<f64>,
+    /// Scale and offset from the stored values to those in `unit`.
+    pub(crate) packing: [f64; 2],
+    /// Whether the first row is that of a raster whatever its latitude: masks in other files begin with it too.
+    pub(crate) raster_rows: bool,
     /// Heights in the same order, where the file has them.
     pub(crate) heights: Option<Vec<f64>>,
     /// One sigma of the error of each value in the same order and unit, where the file has it.
@@ -24,6 +36,8 @@ pub(crate) struct Draft<'a> {
     pub(crate) level_m: Option<f64>,
     /// The unit of the values, where the file gives it.
     pub(crate) unit: Option<String>,
+    /// The unit of the coordinates, where the file gives it.
+    pub(crate) axis_unit: Option<AxisUnit>,
     pub(crate) system: System,
     pub(crate) registration: Registration,
     pub(crate) notes: Vec<String>,
@@ -45,6 +59,12 @@ pub(crate) enum System {
 /// The note on a map whose height is unknown: only a continuation needs it.
 pub(crate) const NO_HEIGHT: &str = "the file does not give the height of the map, so `alt` is NaN; set it with `alt_m`";
 
+/// Scale and offset of values that are stored as they are.
+pub(crate) const PLAIN: [f64; 2] = [1.0, 0.0];
+
+/// Heights of a map in metres: from the deepest sea to satellites.
+const HEIGHTS_M: [f64; 2] = [-12_000.0, 2_000_000.0];
+
 /// The note on a map whose file gives no unit.
 const NO_UNIT: &str = "the file gives no unit; the values are taken as nT";
 
@@ -56,10 +76,13 @@ impl<'a> Draft<'a> {
             x,
             y,
             values,
+            packing: PLAIN,
+            raster_rows: false,
             heights: None,
             errors: None,
             level_m: None,
             unit: None,
+            axis_unit: None,
             system,
             registration: Registration::Node,
             notes: vec![],
@@ -73,10 +96,13 @@ impl<'a> Draft<'a> {
     pub(crate) fn finish(mut self, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
         let nodes = self.x.len().saturating_mul(self.y.len());
         check_count(self.path, self.values.len(), nodes)?;
+        self.unpack()?;
         self.flip();
-        let value_unit = self.scale(options)?;
+        let missing = markers(self.path, &options.missing)?;
+        without_markers(&mut self.values, &missing, !accepted(&options.accept), &mut self.notes);
         let crs = self.crs(options)?;
-        let height = self.height(options)?;
+        let value_unit = self.scale(options)?;
+        let height = self.height(options, &missing)?;
         if self.errors.iter().flatten().any(|error| *error < 0.0 || error.is_infinite()) {
             self.errors = None;
             self.notes.push("the column `error` is not used: it has values that are no standard deviations".to_owned());
@@ -97,6 +123,25 @@ impl<'a> Draft<'a> {
         map.check()?;
         turn(&mut map);
         Ok(map)
+    }
+
+    /// The values in their unit, with the side files of the map applied.
+    fn unpack(&mut self) -> Result<(), ReadError> {
+        if let Some(side) = SideFiles::read(self.path, self.x.len(), self.y.len())? {
+            let reversed = !self.raster_rows && !self.y.descends();
+            side.apply(self.path, &mut self.values, &mut self.packing, reversed, &mut self.notes)?;
+            self.unit = self.unit.take().or(side.unit);
+        }
+        let [scale, offset] = self.packing;
+        if !(scale.is_finite() && scale != 0.0 && offset.is_finite()) {
+            let what = format!("the scale {scale} and the offset {offset} of the values define no value");
+            return Err(ReadError::data(self.path, what).help("correct them in the file"));
+        }
+        if self.packing != PLAIN {
+            self.values.iter_mut().for_each(|v| *v = *v * scale + offset);
+            self.notes.push(format!("stored values times {scale} plus {offset} are the values"));
+        }
+        Ok(())
     }
 
     /// Brings rows and columns into ascending order.
@@ -121,31 +166,62 @@ impl<'a> Draft<'a> {
         let said = self.unit.take().filter(|u| !u.trim().is_empty());
         if said.is_none() && options.unit.is_none() {
             self.notes.push(NO_UNIT.to_owned());
+            self.check_values(&Unit { name: NANOTESLA, factor: 1.0, canonical: NANOTESLA }, options)?;
             return Ok(NANOTESLA);
         }
         let unit = options.unit.clone().or(said).unwrap_or_default();
         if let Some(derivative) = DERIVATIVES.iter().find(|d| **d == unit.trim()) {
+            self.check_values(&Unit { name: derivative, factor: 1.0, canonical: derivative }, options)?;
             return Ok(derivative);
         }
         let factor = convert(&unit, NANOTESLA).ok_or_else(|| {
             ReadError::options(self.path, format!("the unit `{unit}` does not convert to nT")).in_column("anomaly")
         })?;
+        self.check_values(&Unit { name: &unit, factor, canonical: NANOTESLA }, options)?;
         if factor != 1.0 {
-            self.values.iter_mut().chain(self.errors.iter_mut().flatten()).for_each(|v| *v *= factor);
+            // Accepted values may be too large for the factor.
+            let finite = |v: f64| if v.is_finite() { v } else { f64::NAN };
+            self.values.iter_mut().chain(self.errors.iter_mut().flatten()).for_each(|v| *v = finite(*v * factor));
             self.notes.push(format!("values in {unit} times {factor} are nT"));
         }
         Ok(NANOTESLA)
     }
 
-    /// A code given in the options takes precedence over the file's own.
-    fn crs(&self, options: &MapOptions) -> Result<Crs, ReadError> {
+    fn check_values(&mut self, unit: &Unit, options: &MapOptions) -> Result<(), ReadError> {
+        if accepted(&options.accept) {
+            return Ok(());
+        }
+        let wrong = |cell: usize, what: String| self.in_cell("anomaly", cell, &what);
+        let mut notes = vec![];
+        plausible::check(&self.values, unit, &mut notes, wrong)?;
+        self.notes.append(&mut notes);
+        Ok(())
+    }
+
+    /// A fault of one cell, counted from the south-west.
+    fn in_cell(&self, column: &str, cell: usize, what: &str) -> ReadError {
+        let (row, along) = (cell / self.x.len(), cell % self.x.len());
+        let (x, y) = (self.x.ascending().at(along as f64), self.y.ascending().at(row as f64));
+        let place = format!("in row {row} from the south and column {along} from the west, at ({x}, {y})");
+        ReadError::data(self.path, format!("{place}: {what}")).in_column(column)
+    }
+
+    /// The coordinate system, with the coordinates in its unit. A code given in the options takes precedence over the
+    /// file's own.
+    fn crs(&mut self, options: &MapOptions) -> Result<Crs, ReadError> {
         let code = match (options.epsg, self.system) {
             (Some(code), _) | (None, System::Epsg(code)) => code,
             (None, System::Degrees) => WGS84,
             (None, System::Projected) => return Err(no_epsg(self.path)),
             (None, System::Unknown) => return Err(self.no_system()),
         };
-        Crs::from_epsg(self.path, code)
+        let crs = Crs::from_epsg(self.path, code)?;
+        if let Some(unit) = self.axis_unit.take() {
+            let origin = if options.epsg.is_some() { Origin::Given } else { Origin::File };
+            let factor = unit.into_system(self.path, &crs, origin, &mut self.notes)?;
+            (self.x, self.y) = (self.x.scaled(factor), self.y.scaled(factor));
+        }
+        Ok(crs)
     }
 
     fn no_system(&self) -> ReadError {
@@ -159,18 +235,31 @@ impl<'a> Draft<'a> {
         ReadError::options(self.path, "the file does not give its coordinate system").help(help)
     }
 
-    fn height(&mut self, options: &MapOptions) -> Result<Height, ReadError> {
+    fn height(&mut self, options: &MapOptions, missing: &[f64]) -> Result<Height, ReadError> {
         if let Some(alt_m) = options.alt_m {
             return Ok(Height::Level(alt_m));
         }
-        let Some(cells) = self.heights.take() else {
+        let possible = |alt: f64| alt.is_nan() || (HEIGHTS_M[0]..=HEIGHTS_M[1]).contains(&alt);
+        let possible = |alt: f64| accepted(&options.accept) || possible(alt);
+        let impossible = |alt: f64| {
+            format!("{} m is not a height of a map ({} to {} m)", plausible::number(alt), HEIGHTS_M[0], HEIGHTS_M[1])
+        };
+        let Some(mut cells) = self.heights.take() else {
             let level_m = self.level_m.unwrap_or(f64::NAN);
             if level_m.is_nan() {
                 self.notes.push(NO_HEIGHT.to_owned());
+            } else if !possible(level_m) {
+                return Err(ReadError::data(self.path, impossible(level_m)).in_column("alt").help("set `alt_m`"));
             }
             return Ok(Height::Level(level_m));
         };
         check_count(self.path, cells.len(), self.values.len()).map_err(|e| e.in_column("alt"))?;
+        without_markers(&mut cells, missing, !accepted(&options.accept), &mut self.notes);
+        if let Some(cell) = cells.iter().position(|alt| !possible(*alt)) {
+            let alt = cells.get(cell).copied().unwrap_or(f64::NAN);
+            let help = "if it marks a missing value, name it in `missing`; `accept = [\"range\"]` takes it as it is";
+            return Err(self.in_cell("alt", cell, &impossible(alt)).help(help));
+        }
         let first = cells.iter().copied().find(|a| !a.is_nan());
         match first {
             None => {

@@ -1,12 +1,18 @@
 //! How the numbers of a file become a map on a grid.
 
 mod axis;
+mod axis_unit;
 mod draft;
+mod markers;
 mod nodes;
+mod plausible;
 
 pub(crate) use axis::FileAxis;
-pub(crate) use draft::{Draft, System};
+pub(crate) use axis_unit::{AxisUnit, Origin, split_unit};
+pub(crate) use draft::{Draft, PLAIN, System};
+pub(crate) use markers::{is_dummy, is_marker, without_markers};
 pub(crate) use nodes::from_nodes;
+pub(crate) use plausible::{Unit, accepted, check as check_values};
 
 #[cfg(test)]
 mod map_tests;

@@ -15,7 +15,7 @@ use std::{
 
 use clap::{Args, Subcommand};
 use datasets::{AnomalyGrid, MapOptions, check_output, read_grid, write_grid};
-use schemas::Fault;
+use schemas::{Fault, Word, plausible::Accept};
 
 use super::{Stop, note, say, tell, threads};
 
@@ -51,6 +51,29 @@ pub struct InputArgs {
     /// The unit of the anomaly, before what the file says.
     #[arg(long)]
     unit: Option<String>,
+    #[command(flatten)]
+    doubtful: DoubtfulArgs,
+}
+
+/// Values that are missing or look impossible.
+#[derive(Args, Clone, Default)]
+pub struct DoubtfulArgs {
+    /// Numbers that mark a missing value, in the unit of the file, separated by commas.
+    #[arg(long, value_name = "NUMBER", value_delimiter = ',', allow_hyphen_values = true)]
+    missing: Vec<String>,
+    /// `range` takes values that look impossible as they are.
+    #[arg(long, value_name = "WHAT", value_parser = ["range"])]
+    accept: Option<String>,
+}
+
+impl DoubtfulArgs {
+    fn missing(&self) -> Vec<Word> {
+        self.missing.iter().map(|text| Word(text.clone())).collect()
+    }
+
+    fn accept(&self) -> Vec<Accept> {
+        self.accept.iter().map(|_| Accept::Range).collect()
+    }
 }
 
 /// Where a map is written to.
@@ -74,8 +97,14 @@ pub struct ThreadArgs {
 
 impl InputArgs {
     fn read(&self, path: &Path) -> Result<AnomalyGrid, Stop> {
-        let options =
-            MapOptions { format: self.format.clone(), epsg: self.epsg, alt_m: self.alt, unit: self.unit.clone() };
+        let options = MapOptions {
+            format: self.format.clone(),
+            epsg: self.epsg,
+            alt_m: self.alt,
+            unit: self.unit.clone(),
+            missing: self.doubtful.missing(),
+            accept: self.doubtful.accept(),
+        };
         let map = read_grid(path, &options).map_err(Fault::from)?;
         map.notes.iter().for_each(|n| note(&format!("{}: {n}", path.display())));
         Ok(map)

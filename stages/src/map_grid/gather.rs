@@ -87,7 +87,9 @@ fn mapped(stage: &MapGrid, parts: &[&Part]) -> Result<Product, Fault> {
     survey.extra.doy = read("doy");
     survey.extra.tt_s = read("tt");
     let far = if stage.keep_outliers { vec![] } else { points::without_far(&mut survey) };
-    let warnings = far.first().map(|first| told(far.len(), *first, &survey)).into_iter().collect();
+    let mut warnings: Vec<String> = far.first().map(|first| told(far.len(), *first, &survey)).into_iter().collect();
+    let unknown_height = survey.height_m.iter().all(|h| h.is_nan());
+    warnings.extend(unknown_height.then(|| super::NO_HEIGHTS.to_owned()));
     Ok(Product { columns: columns(&stage.apply(&mut survey, &|_, _, _| ())?)?, warnings })
 }
 

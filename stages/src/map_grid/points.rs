@@ -27,6 +27,13 @@ pub fn survey<'a>(points: &'a SurveyPoints, line: &'a [usize]) -> gridding::Surv
     }
 }
 
+/// The heights of points for a surface that needs none: the mean of the known ones, or 0, where they are unknown.
+pub fn any_heights(points: &SurveyPoints) -> Vec<f64> {
+    let known = || points.height_m.iter().filter(|h| h.is_finite());
+    let mean = known().sum::<f64>() / known().count().max(1) as f64;
+    points.height_m.iter().map(|h| if h.is_finite() { *h } else { mean }).collect()
+}
+
 /// Takes core field and diurnal variation off.
 ///
 /// # Errors
@@ -92,7 +99,13 @@ pub fn nothing_left(points: gridding::SurveyPoints, options: &CleanOptions) -> F
     ];
     let left_out: Vec<String> =
         left_out.iter().filter(|(n, _)| *n > 0).map(|(n, what)| format!("{n} {what}")).collect();
-    let help = "lines need five points or more; `minimum_curvature` needs no heights";
+    let help = match points.height_m.iter().all(|h| h.is_nan()) {
+        true => {
+            "equivalent sources need heights (`alt`, or the column that `--height` names); \
+             `method = \"minimum_curvature\"` needs none"
+        }
+        false => "lines need five points or more; `method = \"minimum_curvature\"` needs no heights",
+    };
     Fault::data(format!("none of {} points is left to grid: {}", points.len(), left_out.join(", "))).help(help)
 }
 

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use datasets::MapOptions;
 use numerics::{earth::core_field::CoreModel, signal::gauss_markov::GaussMarkov};
 
-use schemas::{Rule, choice, params};
+use schemas::{Rule, Word, choice, params, plausible::Accept};
 
 use crate::reading::{Components, Section};
 
@@ -125,6 +125,10 @@ params! {
     alt_m: Option<f64>, unit "m", absent "as the file says", rule Rule::Finite;
     /// The unit of its values.
     unit: Option<String>, unit "", absent "as the file says, else nT";
+    /// Numbers that mark an unknown value.
+    missing: Vec<Word>, unit "", default Vec::<Word>::new();
+    /// What is accepted although it looks impossible.
+    accept: Vec<Accept>, unit "", default Vec::<Accept>::new();
 }
 
 choice! {
@@ -216,9 +220,9 @@ pub(in super::super) fn earth(root: &Section, folder: &Path, components: &Compon
 }
 
 fn map(s: &Section, folder: &Path) -> Option<(PathBuf, MapOptions)> {
-    let MapKeys { path, format, epsg, alt_m, unit } = s.group(None)?;
+    let MapKeys { path, format, epsg, alt_m, unit, missing, accept } = s.group(None)?;
     let epsg = epsg.and_then(|code| u16::try_from(code).ok());
-    Some((folder.join(path), MapOptions { format, epsg, alt_m, unit }))
+    Some((folder.join(path), MapOptions { format, epsg, alt_m, unit, missing, accept }))
 }
 
 fn buried(s: &Section) -> Option<Buried> {

@@ -37,7 +37,7 @@ pub fn run(args: &FillArgs) -> Result<(), Stop> {
     args.threads.run(|| {
         let map = args.input.read(&args.map)?;
         // The others' heights and units are their files'.
-        let input = InputArgs { format: None, epsg: None, alt: None, unit: None };
+        let input = InputArgs { format: None, epsg: None, alt: None, unit: None, ..args.input.clone() };
         let other = |path: &PathBuf| Ok((path.display().to_string(), input.read(path)?));
         let others: Vec<(String, AnomalyGrid)> = args.with.iter().map(other).collect::<Result<_, Stop>>()?;
         let filled = stage.apply(&map, &others).map_err(|fault| of_file(&args.map, in_flags::<MapFill>(fault)))?;

@@ -3,17 +3,17 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use datasets::{PointOptions, SurveyPoints, check_output, doubts, read_points};
+use datasets::{Height, PointOptions, SurveyPoints, check_output, doubts, read_points};
 use numerics::maps::{
     gridding::{GridReport, Spread},
     levelling::{Levelled, LineCorrection, Merit},
     plane_grid::PlaneGrid,
 };
 use schemas::Fault;
-use stages::map_grid::{MapGrid, Mapped, Progress as Told, without_far};
+use stages::map_grid::{MapGrid, Mapped, NO_HEIGHTS, Progress as Told, without_far};
 
 use super::{
-    OutputArgs, Stop, ThreadArgs, apart,
+    DoubtfulArgs, OutputArgs, Stop, ThreadArgs, apart,
     flags::{StageFlags, in_flags},
     of_file, say, warn, write_to,
 };
@@ -64,6 +64,8 @@ struct ColumnArgs {
     /// The EPSG code of the places; degrees of WGS-84 where the columns are latitude and longitude.
     #[arg(long)]
     epsg: Option<u16>,
+    #[command(flatten)]
+    doubtful: DoubtfulArgs,
 }
 
 pub fn run(args: &GridArgs) -> Result<(), Stop> {
@@ -87,6 +89,9 @@ pub fn run(args: &GridArgs) -> Result<(), Stop> {
             say(told(levelled, &points.lines))?;
         }
         say(reported(&map.plane(), &report, &points, far))?;
+        if matches!(map.height, Height::Level(alt_m) if alt_m.is_nan()) {
+            note(NO_HEIGHTS);
+        }
         if let (Some(path), Some(error)) = (&args.error, &error) {
             write_to(path, error, None)?;
         }
@@ -105,6 +110,8 @@ fn read(args: &GridArgs, stage: &MapGrid, progress: Told) -> Result<(SurveyPoint
         value: c.value.clone(),
         line: c.line.clone(),
         epsg: c.epsg,
+        missing: c.doubtful.missing(),
+        accept: c.doubtful.accept(),
         to_epsg: stage.epsg().map_err(in_flags::<MapGrid>)?,
     };
     let mut all: Option<SurveyPoints> = None;

@@ -224,6 +224,8 @@ impl MapSurface {
 }
 
 #[cfg(test)]
+mod globe_tests;
+#[cfg(test)]
 pub(crate) mod tests;
 #[cfg(test)]
 mod vertical_tests;

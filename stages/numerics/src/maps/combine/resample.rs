@@ -77,7 +77,7 @@ struct Spline(Surface<1>);
 
 impl Spline {
     fn of(map: &PlaneGrid) -> Self {
-        let shape = Shape { rows: map.rows(), columns: map.columns() };
+        let shape = Shape { rows: map.rows(), columns: map.columns(), closed: false };
         Self(Surface::over_gaps(shape, &map.values, Interpolation::Cubic))
     }
 }

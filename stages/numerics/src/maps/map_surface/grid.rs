@@ -181,11 +181,23 @@ impl Axis {
                 return Err(MapError::Uneven { axis, node, value_deg: *value, even_deg, off_by_steps });
             }
         }
-        if last - first > range_deg {
+        if last - first > range_deg + EVENNESS * step_deg {
             return Err(MapError::Range { axis, first_deg: *first, last_deg: *last });
         }
         let steps_per_deg = (nodes_deg.len() - 1) as f64 / (last - first);
         Ok(Self { first_deg: *first, step_deg, steps_per_deg, len: nodes_deg.len(), round_deg: 360.0 })
+    }
+
+    /// The longitudes as a closed round, with the first meridian once more at the end; `None` where they leave a gap.
+    fn closed(&self) -> Option<Self> {
+        let nodes = (self.round_deg / self.step_deg).round();
+        let span_deg = self.step_deg * nodes;
+        if self.len as f64 + 0.5 < nodes || (span_deg - self.round_deg).abs() > EVENNESS * self.step_deg {
+            return None;
+        }
+        // Exactly a round: rounded coordinates must leave no gap at the seam.
+        let (step_deg, steps_per_deg) = (self.round_deg / nodes, nodes / self.round_deg);
+        Some(Self { step_deg, steps_per_deg, len: nodes as usize + 1, ..*self })
     }
 
     /// The nodes of a plane, numbered from 0.
@@ -261,11 +273,13 @@ pub struct GeographicGrid {
     lat: Axis,
     lon: Axis,
     values: Vec<f64>,
+    /// Whether the last column is the first, a full turn on.
+    closed: bool,
 }
 
 impl GeographicGrid {
     /// A grid from its axes in degrees and its values by rows: all longitudes of the first latitude,
-    /// then of the next.
+    /// then of the next. Longitudes that go round the earth are closed: the first meridian is the last too.
     ///
     /// # Errors
     /// Fails for an axis with fewer than two nodes, for nodes that are not finite, do not ascend or have uneven
@@ -278,7 +292,21 @@ impl GeographicGrid {
         if first_deg < -90.0 - EVENNESS * lat.step_deg || last_deg > 90.0 + EVENNESS * lat.step_deg {
             return Err(MapError::Range { axis: "latitude", first_deg, last_deg });
         }
-        Self::of_axes(lat, lon, anomaly_nt)
+        let grid = Self::of_axes(lat, lon, anomaly_nt)?;
+        let Some(closed) = lon.closed() else { return Ok(grid) };
+        Ok(Self { lon: closed, values: grid.closed_values(), closed: true, ..grid })
+    }
+
+    /// The values of a closed grid by rows: a repeated first meridian has the known one of its two values.
+    fn closed_values(&self) -> Vec<f64> {
+        let distinct = self.lon.closed().map_or(self.lon.len, |closed| closed.len - 1);
+        let row = |row: &[f64]| {
+            let (first, again) = (row[0], row.get(distinct).copied().unwrap_or(f64::NAN));
+            let seam = if first.is_nan() { again } else { first };
+            let inner = row.iter().take(distinct).skip(1).copied();
+            std::iter::once(seam).chain(inner).chain([seam]).collect::<Vec<f64>>()
+        };
+        self.values.chunks(self.lon.len).flat_map(row).collect()
     }
 
     /// A grid on a plane whose rows and columns are numbered from 0: rows and columns replace degrees in it and in
@@ -302,7 +330,7 @@ impl GeographicGrid {
         if anomaly_nt.iter().all(|value| value.is_nan()) {
             return Err(MapError::Empty);
         }
-        Ok(Self { lat, lon, values: anomaly_nt.to_vec() })
+        Ok(Self { lat, lon, values: anomaly_nt.to_vec(), closed: false })
     }
 
     /// A grid from a table with one row per node, sorted by latitude, then longitude (degrees,
@@ -394,7 +422,7 @@ impl GeographicGrid {
     }
 
     pub(crate) fn shape(&self) -> Shape {
-        Shape { rows: self.lat.len, columns: self.lon.len }
+        Shape { rows: self.lat.len, columns: self.lon.len, closed: self.closed }
     }
 
     /// The values in nT, by rows from south to north.

@@ -5,6 +5,8 @@
 pub(crate) struct Shape {
     pub(crate) rows: usize,
     pub(crate) columns: usize,
+    /// Whether the last column is the first once more, a full turn on.
+    pub(crate) closed: bool,
 }
 
 /// Which cells have an unknown node, one bit each; empty where every node is known.
@@ -80,7 +82,7 @@ fn neighbour_mean(shape: Shape, values: &[f64], node: usize) -> Option<f64> {
 
 /// The up to eight nodes around one, in the order of the grid.
 fn neighbours(shape: Shape, node: usize) -> impl Iterator<Item = usize> {
-    let Shape { rows, columns } = shape;
+    let Shape { rows, columns, .. } = shape;
     let (row, column) = (node / columns, node % columns);
     let around = row.saturating_sub(1)..=(row + 1).min(rows - 1);
     around

@@ -218,23 +218,40 @@ fn interleaved<const QUANTITIES: usize>(nodes: usize, values: [&[f64]; QUANTITIE
     (0..nodes).map(|node| values.map(|values| values.get(node).copied().unwrap_or(f64::NAN))).collect()
 }
 
+/// The columns beyond each end of a closed grid that its spline is solved with: an end is felt a quarter as much in each
+/// further cell.
+const WRAP: usize = 16;
+
 /// The B-spline coefficients of a grid with its holes filled, with one more node on every side.
 fn spline_coefficients(shape: Shape, values: &[f64], interpolation: Interpolation) -> Vec<f64> {
-    let Shape { rows, columns } = shape;
+    let Shape { rows, columns, closed } = shape;
     let solve_along_rows: fn(&mut [f64], usize) = match interpolation {
         Interpolation::Quadratic => quadratic::solve_along_rows,
         Interpolation::Cubic | Interpolation::Linear => natural_cubic::solve_along_rows,
     };
-    let mut table = filled(shape, values);
-    solve_along_rows(&mut table, columns);
-    table.par_chunks_exact_mut(columns).for_each(|row| solve_along_rows(row, 1));
+    let (wrap, width) = if closed { (WRAP, columns + 2 * WRAP) } else { (0, columns) };
+    let solved = Shape { rows, columns: width, closed: false };
+    let mut table = if closed { filled(solved, &wrapped(shape, values)) } else { filled(solved, values) };
+    solve_along_rows(&mut table, width);
+    table.par_chunks_exact_mut(width).for_each(|row| solve_along_rows(row, 1));
     let mut padded = vec![0.0; (rows + 2) * (columns + 2)];
     padded.par_chunks_exact_mut(columns + 2).enumerate().for_each(|(row, out)| {
         for (column, value) in out.iter_mut().enumerate() {
-            *value = natural_cubic::past_ends(row, rows, |r| {
-                natural_cubic::past_ends(column, columns, |c| table[r * columns + c])
+            *value = natural_cubic::past_ends(row, rows, |r| match closed {
+                true => table[r * width + column + wrap - 1],
+                false => natural_cubic::past_ends(column, columns, |c| table[r * width + c]),
             });
         }
     });
     padded
+}
+
+/// The values of a closed grid with [`WRAP`] more columns on each side.
+fn wrapped(shape: Shape, values: &[f64]) -> Vec<f64> {
+    let round = shape.columns - 1;
+    let row = |row: &[f64]| -> Vec<f64> {
+        let turned = (0..shape.columns + 2 * WRAP).map(|k| (k + round * WRAP - WRAP) % round);
+        turned.map(|column| row.get(column).copied().unwrap_or(f64::NAN)).collect()
+    };
+    values.chunks(shape.columns).flat_map(row).collect()
 }

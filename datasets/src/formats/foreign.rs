@@ -1,0 +1,107 @@
+//! Formats that are not read, by the first bytes of their files: what a file is, and how to bring it into one that is read.
+
+use super::Head;
+use crate::ReadError;
+
+/// Where a signature is, its bytes, what it is of, and the remedy.
+type Signature = (usize, &'static [u8], &'static str, &'static str);
+
+const UNPACK: &str = "unpack it, and give the file inside";
+const EXPORT: &str = "export the data as GeoTIFF, NetCDF, GXF, CSV or Parquet, and give that";
+
+const SIGNATURES: &[Signature] = &[
+    (0, b"%PDF", "a PDF document", EXPORT),
+    (0, b"PK\x03\x04", "a zip archive", UNPACK),
+    (0, b"\x1f\x8b", "a gzip file", UNPACK),
+    (0, b"BZh", "a bzip2 file", UNPACK),
+    (0, b"\xfd7zXZ\0", "an xz file", UNPACK),
+    (0, b"\x28\xb5\x2f\xfd", "a zstd file", UNPACK),
+    (0, b"7z\xbc\xaf\x27\x1c", "a 7z archive", UNPACK),
+    (0, b"Rar!\x1a\x07", "a RAR archive", UNPACK),
+    (257, b"ustar", "a tar archive", UNPACK),
+    (0, b"\x0e\x03\x13\x01", "an HDF4 file", "convert it to NetCDF-4 or HDF5, for example with `h4toh5`"),
+    (0, b"GRIB", "a GRIB file", "convert it to NetCDF, for example with `gdal_translate -of netCDF`"),
+    (0, b"EHFA_HEADER_TAG", "an ERDAS Imagine raster", "convert it with `gdal_translate` to GeoTIFF"),
+    (0, b"GRID1.2\0", "the header of an Esri binary grid", "convert its folder with `gdal_translate` to GeoTIFF"),
+    (
+        0,
+        b"\0\0\x27\x0a\xff\xff",
+        "a part of an Esri binary grid",
+        "convert its folder with `gdal_translate` to GeoTIFF",
+    ),
+    (0, b"\0\0\x27\x0a\0\0", "an Esri shapefile", "export its points as CSV or Parquet"),
+    (0, b"SQLite format 3\0", "an SQLite database, such as a GeoPackage", EXPORT),
+    (0, b"ARROW1\0\0", "an Arrow IPC or Feather file", "write it as Parquet"),
+    (0, b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", "a document of a Microsoft Office program", EXPORT),
+    (0, b"\x89PNG\r\n\x1a\n", "a PNG picture", "give the grid that the picture was made of"),
+    (0, b"\xff\xd8\xff", "a JPEG picture", "give the grid that the picture was made of"),
+    (0, b"GIF8", "a GIF picture", "give the grid that the picture was made of"),
+    (0, b"version https://git-lfs", "a pointer of Git LFS, not the file itself", "fetch it with `git lfs pull`"),
+    (0, b"\xff\xfe", "text in UTF-16", "save it as UTF-8"),
+    (0, b"\xfe\xff", "text in UTF-16", "save it as UTF-8"),
+    (0, b"NITF", "an NITF raster", "convert it with `gdal_translate` to GeoTIFF"),
+    (0, b"ENVI\n", "the header of an ENVI raster", "convert it with `gdal_translate` to GeoTIFF"),
+    (0, b"ENVI\r\n", "the header of an ENVI raster", "convert it with `gdal_translate` to GeoTIFF"),
+    (0, b"{\\rtf", "a document in RTF", EXPORT),
+];
+
+/// What a file is, and the remedy; `None` where its start is not known.
+fn known(head: &Head) -> Option<(&'static str, &'static str)> {
+    let holds = |name: &str| head.path.is_dir() && head.path.join(name).is_file();
+    if holds("hdr.adf") {
+        return Some(("an Esri binary grid", "convert the folder with `gdal_translate` to GeoTIFF"));
+    }
+    if [".zgroup", ".zarray", "zarr.json"].into_iter().any(holds) {
+        return Some(("a Zarr store", "write it as NetCDF"));
+    }
+    if let Some((_, _, what, help)) = SIGNATURES.iter().find(|(at, bytes, ..)| head.has_at(*at, bytes)) {
+        return Some((what, help));
+    }
+    if let Some(line) = head.first_line() {
+        let line = line.trim_start().to_ascii_lowercase();
+        if line.starts_with("<!doctype html") || line.starts_with("<html") {
+            return Some(("an HTML page, perhaps the error of a server", "download the file itself"));
+        }
+        if line.starts_with("<?xml") || line.starts_with("<kml") {
+            return Some(("an XML document", EXPORT));
+        }
+        let key = |k: &str| line.strip_prefix(k).is_some_and(|rest| rest.starts_with([' ', '\t', '=']));
+        if ["byteorder", "layout", "nbands"].into_iter().any(key) {
+            let help = "convert the raster with `gdal_translate` to GeoTIFF";
+            return Some(("the header of a raw raster (.flt, .bil)", help));
+        }
+        return None;
+    }
+    if geosoft(head) {
+        return Some(("a Geosoft binary grid of Oasis montaj", "export it as GXF or ER Mapper"));
+    }
+    let raw = ["flt", "bil", "bip", "bsq", "adf"].into_iter();
+    let ends = |ending: &str| head.path.extension().is_some_and(|e| e.eq_ignore_ascii_case(ending));
+    raw.into_iter().any(ends).then_some((
+        "a raw raster, whose layout is in a file next to it",
+        "convert it with `gdal_translate` to GeoTIFF",
+    ))
+}
+
+/// Whether the start is that of a Geosoft grid: bytes to an element (1024 more of a compressed one), its sign, counts
+/// and ordering, then the geometry in double precision, and 512 bytes in all. [Geosoft, GRD file format]
+fn geosoft(head: &Head) -> bool {
+    let word = |i: usize| Some(i32::from_le_bytes(head.bytes.get(4 * i..4 * i + 4)?.try_into().ok()?));
+    let real = |i: usize| Some(f64::from_le_bytes(head.bytes.get(20 + 8 * i..28 + 8 * i)?.try_into().ok()?));
+    let found = || {
+        let (size, sign, columns, rows, order) = (word(0)?, word(1)?, word(2)?, word(3)?, word(4)?);
+        let (dx, dy) = (real(0)?, real(1)?);
+        let fits = [1, 2, 4, 8, 1025, 1026, 1028, 1032].contains(&size)
+            && (0..=3).contains(&sign)
+            && columns > 0
+            && rows > 0
+            && order.abs() == 1;
+        Some(fits && dx.is_normal() && dy.is_normal() && dx > 0.0 && dy > 0.0)
+    };
+    found().unwrap_or(false)
+}
+
+/// The error of a file in a format that is not read but known; `None` where it is not known.
+pub(super) fn refused(head: &Head) -> Option<ReadError> {
+    known(head).map(|(what, help)| ReadError::data(head.path, format!("the file is {what}")).help(help))
+}

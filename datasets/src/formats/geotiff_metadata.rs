@@ -1,0 +1,137 @@
+//! GDAL's metadata in a GeoTIFF: an XML text of items, some of which describe the band. [GDAL, "GTiff driver", tag 42112]
+
+use std::path::Path;
+
+use crate::{ReadError, grid::PLAIN};
+
+/// The items of the file and of its first band.
+#[derive(Debug)]
+pub(super) struct Metadata<'a> {
+    path: &'a Path,
+    items: Vec<Item>,
+}
+
+#[derive(Debug)]
+struct Item {
+    name: String,
+    /// The band, from 0; `None` for an item of the whole file.
+    sample: Option<u16>,
+    role: String,
+    text: String,
+}
+
+impl<'a> Metadata<'a> {
+    /// Reads the text of the tag.
+    ///
+    /// # Errors
+    /// Fails for an item without an end, and for a band that is not a number.
+    pub(super) fn read(path: &'a Path, xml: &str) -> Result<Metadata<'a>, ReadError> {
+        let broken = |what: &str| {
+            ReadError::data(path, format!("GDAL's metadata (tag 42112) {what}"))
+                .help("repair the tag, for example with `gdal_translate`")
+        };
+        let mut items = vec![];
+        for part in xml.split("<Item").skip(1) {
+            let (head, rest) = part.split_once('>').ok_or_else(|| broken("is cut short"))?;
+            let attribute = |name: &str| {
+                let (_, rest) = head.split_once(&format!(" {name}="))?;
+                let quote = rest.chars().next().filter(|c| ['"', '\''].contains(c))?;
+                rest.get(1..)?.split(quote).next().map(unescaped)
+            };
+            let text = if head.ends_with('/') { "" } else { rest.split('<').next().unwrap_or_default() };
+            let sample = attribute("sample").map(|s| s.trim().parse::<u16>());
+            items.push(Item {
+                name: attribute("name").unwrap_or_default(),
+                sample: sample.transpose().map_err(|_| broken("names a band that is not a number"))?,
+                role: attribute("role").unwrap_or_default(),
+                text: unescaped(text.trim()),
+            });
+        }
+        Ok(Metadata { path, items })
+    }
+
+    /// The first item of the file or its first band that has one of the names, with its name.
+    pub(super) fn item<'n>(&self, names: &[&'n str]) -> Option<(&'n str, &str)> {
+        let of = |name: &&'n str| {
+            let mut found = self.items.iter().filter(|i| i.name == *name && i.sample.is_none_or(|s| s == 0));
+            let text = found.find(|i| !i.text.is_empty())?;
+            Some((*name, text.text.as_str()))
+        };
+        names.iter().find_map(of)
+    }
+
+    /// Scale and offset of the first band.
+    ///
+    /// # Errors
+    /// Fails for a scale or offset that is not a number, is given twice, or lacks its band or role.
+    pub(super) fn packing(&self) -> Result<[f64; 2], ReadError> {
+        let mut packing = PLAIN;
+        for (value, role) in packing.iter_mut().zip(["scale", "offset"]) {
+            let meant = |i: &&Item| i.role == role || i.role.is_empty() && i.name == role.to_ascii_uppercase();
+            let mut found = self.items.iter().filter(meant).filter(|i| i.sample.is_none_or(|s| s == 0));
+            let Some(item) = found.next() else { continue };
+            let wrong = |what: String| {
+                let help = "correct the tag, or unpack the file with `gdal_translate -unscale -ot Float64`";
+                Err(ReadError::data(self.path, format!("the {role} of the band (tag 42112) {what}")).help(help))
+            };
+            if item.sample.is_none() || item.role.is_empty() {
+                return wrong("does not name its band and role".to_owned());
+            }
+            if found.next().is_some() {
+                return wrong("is given twice".to_owned());
+            }
+            match item.text.parse::<f64>().ok().filter(|x| x.is_finite() && (role == "offset" || *x != 0.0)) {
+                Some(number) => *value = number,
+                None => return wrong(format!("is `{}`, which defines no value", item.text)),
+            }
+        }
+        Ok(packing)
+    }
+}
+
+fn unescaped(text: &str) -> String {
+    let entities = [("&lt;", "<"), ("&gt;", ">"), ("&quot;", "\""), ("&apos;", "'"), ("&amp;", "&")];
+    entities.iter().fold(text.to_owned(), |text, (from, to)| text.replace(from, to))
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    fn packing(items: &str) -> Result<[f64; 2], String> {
+        let xml = format!("<GDALMetadata>\n{items}\n</GDALMetadata>");
+        let metadata = Metadata::read(Path::new("m.tif"), &xml).map_err(|e| e.to_string())?;
+        metadata.packing().map_err(|e| e.to_string())
+    }
+
+    #[test]
+    fn ref_scale_and_offset_of_the_first_band() {
+        let scale = r#"<Item name="SCALE" sample="0" role="scale">0.05</Item>"#;
+        let offset = r#"<Item name='OFFSET' sample='0' role='offset'>-50</Item>"#;
+        assert_eq!(packing(&format!("{scale}{offset}")), Ok([0.05, -50.0]));
+        assert_eq!((packing(scale), packing(offset)), (Ok([0.05, 0.0]), Ok([1.0, -50.0])));
+        assert_eq!(packing(&scale.replace("sample=\"0\"", "sample=\"1\"")), Ok(PLAIN), "of another band");
+        assert_eq!(packing("<Item name=\"scale\">1:50000</Item>"), Ok(PLAIN), "of the paper");
+    }
+
+    #[test]
+    fn gold_entries_that_are_broken_or_partial() {
+        let entry = |sample: &str, role: &str, text: &str| format!("<Item name=\"SCALE\"{sample}{role}>{text}</Item>");
+        let (sample, role) = (" sample=\"0\"", " role=\"scale\"");
+        for (items, what) in [
+            (entry(sample, role, "0,05"), "is `0,05`, which defines no value"),
+            (entry(sample, role, ""), "is ``, which defines no value"),
+            (entry(sample, role, "0"), "is `0`, which defines no value"),
+            (entry(sample, role, "nan"), "is `nan`, which defines no value"),
+            (entry("", role, "2"), "does not name its band and role"),
+            (entry(sample, "", "2"), "does not name its band and role"),
+            (entry(sample, role, "2").repeat(2), "is given twice"),
+            (entry(" sample=\"a\"", role, "2"), "names a band that is not a number"),
+            ("<Item name=\"SCALE\" sample=\"0\"".to_owned(), "does not name its band and role"),
+        ] {
+            let fault = packing(&items).unwrap_err();
+            assert!(fault.contains(what), "{items}: {fault}");
+        }
+    }
+}

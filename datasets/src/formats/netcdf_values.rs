@@ -1,0 +1,211 @@
+//! How the numbers of a NetCDF variable are stored: their sign, markers of missing values, valid range, scale and offset.
+//! [CF conventions 1.7, 2.5 and 8.1; NetCDF Users' Guide, "Attribute Conventions"]
+
+use std::path::Path;
+
+use netcdf_reader::{NcAttrValue, NcType, NcVariable};
+
+use crate::{
+    ReadError,
+    grid::{PLAIN, is_marker},
+};
+
+/// The storage of a variable.
+pub(super) struct Storage {
+    kind: NcType,
+    /// Added to negative numbers that are unsigned, or subtracted from large ones that are signed.
+    modulus: Option<f64>,
+    missing: Vec<f64>,
+    /// The least and the largest valid number as stored.
+    valid: [f64; 2],
+    /// The same of the unpacked values.
+    valid_unpacked: [f64; 2],
+    /// Scale and offset.
+    pub(super) packing: [f64; 2],
+}
+
+const ANYTHING: [f64; 2] = [f64::NEG_INFINITY, f64::INFINITY];
+
+impl Storage {
+    /// The storage that the attributes of a variable describe.
+    ///
+    /// # Errors
+    /// Fails for an attribute that is not a number, and a valid range of other than two numbers.
+    pub(super) fn of(path: &Path, variable: &NcVariable) -> Result<Storage, ReadError> {
+        let kind = variable.dtype().clone();
+        let attributes = Attributes { path, variable };
+        let modulus = attributes.modulus(&kind)?;
+        let stored = |x: &f64| in_type(&kind, modulus, *x);
+        let numbers = |name: &str| attributes.numbers(name).map(|all| all.unwrap_or_default());
+        let own_fill = numbers("_FillValue")?;
+        let mut missing: Vec<f64> =
+            own_fill.iter().chain(&numbers("missing_value")?).map(stored).filter(|x| !x.is_nan()).collect();
+        if own_fill.is_empty() && modulus.is_none() {
+            missing.extend(default_fill(&kind));
+        }
+        let packing =
+            [attributes.number("scale_factor")?.unwrap_or(1.0), attributes.number("add_offset")?.unwrap_or(0.0)];
+        let (mut valid, mut valid_unpacked) = (ANYTHING, ANYTHING);
+        let mut bound = |name: &str, which: usize, limit: f64| {
+            // A range in the type of the unpacked values is one of these.
+            match packing != PLAIN && is_whole(&kind) && attributes.is_real(name) {
+                true => valid_unpacked[which] = limit,
+                false => valid[which] = in_type(&kind, modulus, limit),
+            }
+        };
+        for (which, name) in ["valid_min", "valid_max"].into_iter().enumerate() {
+            if let Some(limit) = attributes.number(name)? {
+                bound(name, which, limit);
+            }
+        }
+        match numbers("valid_range")?.as_slice() {
+            [] => {}
+            [low, high] => [low, high].iter().enumerate().for_each(|(which, x)| bound("valid_range", which, **x)),
+            other => {
+                let what = format!("`valid_range` has {} numbers, not two", other.len());
+                return Err(ReadError::data(path, what).in_column(variable.name()));
+            }
+        }
+        Ok(Storage { kind, modulus, missing, valid, valid_unpacked, packing })
+    }
+
+    /// The numbers of a variable with their sign, without regard to missing values: of coordinates.
+    pub(super) fn unpacked(&self, values: impl Iterator<Item = f64>) -> Vec<f64> {
+        let [scale, offset] = self.packing;
+        values.map(|v| self.signed(v) * scale + offset).collect()
+    }
+
+    /// The numbers as stored, NaN where they are missing or not valid, and a note on those that are not valid.
+    pub(super) fn known(&self, values: impl Iterator<Item = f64>, notes: &mut Vec<String>) -> Vec<f64> {
+        let [scale, offset] = self.packing;
+        let within = |x: f64, [low, high]: [f64; 2]| low <= x && x <= high;
+        let mut invalid = 0_usize;
+        let one = |v: f64| {
+            let v = self.signed(v);
+            if v.is_nan() || self.is_missing(v) {
+                return f64::NAN;
+            }
+            if within(v, self.valid) && within(v * scale + offset, self.valid_unpacked) {
+                return v;
+            }
+            invalid += 1;
+            f64::NAN
+        };
+        let known = values.map(one).collect();
+        if invalid > 0 {
+            notes.push(format!("{invalid} values outside the valid range of the file are unknown"));
+        }
+        known
+    }
+
+    fn signed(&self, v: f64) -> f64 {
+        signed(self.modulus, &self.kind, v)
+    }
+
+    fn is_missing(&self, v: f64) -> bool {
+        match is_whole(&self.kind) {
+            true => self.missing.contains(&v),
+            false => self.missing.iter().any(|m| is_marker(v, *m)),
+        }
+    }
+}
+
+struct Attributes<'a> {
+    path: &'a Path,
+    variable: &'a NcVariable,
+}
+
+impl Attributes<'_> {
+    fn get(&self, name: &str) -> Option<&NcAttrValue> {
+        self.variable.attribute(name).map(|a| &a.value)
+    }
+
+    fn wrong(&self, what: String) -> ReadError {
+        ReadError::data(self.path, what).in_column(self.variable.name()).help("correct the attribute")
+    }
+
+    /// The numbers of an attribute, also of one that is a text.
+    fn numbers(&self, name: &str) -> Result<Option<Vec<f64>>, ReadError> {
+        let Some(value) = self.get(name) else { return Ok(None) };
+        if let Some(numbers) = value.as_f64_vec() {
+            return Ok(Some(numbers));
+        }
+        let text = value.as_string().unwrap_or_default();
+        let words = text.split([',', ' ', '\0']).filter(|w| !w.is_empty());
+        let numbers = words.map(|w| w.trim_end_matches(['f', 'd', 's', 'b', 'L']).parse().ok()).collect();
+        let numbers: Option<Vec<f64>> = numbers;
+        numbers.map(Some).ok_or_else(|| self.wrong(format!("`{name}` is `{text}`, not a number")))
+    }
+
+    fn number(&self, name: &str) -> Result<Option<f64>, ReadError> {
+        match self.numbers(name)?.as_deref() {
+            None | Some([]) => Ok(None),
+            Some([number]) if !number.is_nan() => Ok(Some(*number)),
+            Some(other) => Err(self.wrong(format!("`{name}` is {other:?}, not one number"))),
+        }
+    }
+
+    fn is_real(&self, name: &str) -> bool {
+        matches!(self.get(name), Some(NcAttrValue::Floats(_) | NcAttrValue::Doubles(_)))
+    }
+
+    /// Two to the bits of a whole number whose sign `_Unsigned` changes.
+    fn modulus(&self, kind: &NcType) -> Result<Option<f64>, ReadError> {
+        let Some(value) = self.get("_Unsigned") else { return Ok(None) };
+        let text = value.as_string().unwrap_or_default().trim_matches(['\0', ' ']).to_ascii_lowercase();
+        let unsigned = match (text.as_str(), value.as_f64()) {
+            ("true", _) => true,
+            ("false", _) => false,
+            (_, Some(number)) if text.is_empty() => number != 0.0,
+            _ => return Err(self.wrong(format!("`_Unsigned` is `{text}`, not true or false"))),
+        };
+        Ok(bits(kind).filter(|_| unsigned != is_unsigned(kind)).map(|bits| 2_f64.powi(bits)))
+    }
+}
+
+/// The bits of a whole number.
+fn bits(kind: &NcType) -> Option<i32> {
+    Some(match kind {
+        NcType::Byte | NcType::UByte => 8,
+        NcType::Short | NcType::UShort => 16,
+        NcType::Int | NcType::UInt => 32,
+        NcType::Int64 | NcType::UInt64 => 64,
+        _ => return None,
+    })
+}
+
+fn is_whole(kind: &NcType) -> bool {
+    bits(kind).is_some()
+}
+
+fn is_unsigned(kind: &NcType) -> bool {
+    matches!(kind, NcType::UByte | NcType::UShort | NcType::UInt | NcType::UInt64)
+}
+
+fn signed(modulus: Option<f64>, kind: &NcType, v: f64) -> f64 {
+    match modulus {
+        Some(modulus) if !is_unsigned(kind) && v < 0.0 => v + modulus,
+        Some(modulus) if is_unsigned(kind) && v >= 0.5 * modulus => v - modulus,
+        _ => v,
+    }
+}
+
+/// A number of an attribute as the variable stores it.
+fn in_type(kind: &NcType, modulus: Option<f64>, x: f64) -> f64 {
+    let x = if matches!(kind, NcType::Float) { f64::from(x as f32) } else { x };
+    signed(modulus, kind, x)
+}
+
+/// What NetCDF writes where a program wrote nothing; bytes have no such value.
+fn default_fill(kind: &NcType) -> Option<f64> {
+    Some(match kind {
+        NcType::Short => -32_767.0,
+        NcType::UShort => 65_535.0,
+        NcType::Int => -2_147_483_647.0,
+        NcType::UInt => 4_294_967_295.0,
+        NcType::Int64 => -9_223_372_036_854_775_806.0,
+        NcType::UInt64 => 18_446_744_073_709_551_614.0,
+        NcType::Float | NcType::Double => 9.969_209_968_386_869e36,
+        _ => return None,
+    })
+}
