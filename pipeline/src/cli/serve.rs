@@ -50,12 +50,7 @@ pub fn run(_: &ServeArgs) -> Result<(), Stop> {
 /// Serves until it is interrupted.
 #[cfg(feature = "serve")]
 pub fn run(args: &ServeArgs) -> Result<(), Stop> {
-    use std::{
-        fs::{self, DirBuilder},
-        os::unix::fs::DirBuilderExt,
-        path::Path,
-        time::Duration,
-    };
+    use std::{fs, path::Path, time::Duration};
 
     use schemas::Fault;
     use tokio::sync::watch;

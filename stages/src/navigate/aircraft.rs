@@ -215,8 +215,11 @@ mod tests {
     #[test]
     fn law_the_heading_error_has_three_harmonics_of_the_angle() {
         // cos 60°, cos 120°, cos 240°.
-        let terms: Vec<f64> = heading_terms(0.5).collect();
-        assert!(terms.iter().zip([0.5, -0.5, -0.5]).all(|(a, b): (&f64, f64)| (a - b).abs() < 1e-12), "{terms:?}");
+        let harmonics: Vec<f64> = heading_terms(0.5).collect();
+        assert!(
+            harmonics.iter().zip([0.5, -0.5, -0.5]).all(|(a, b): (&f64, f64)| (a - b).abs() < 1e-12),
+            "{harmonics:?}"
+        );
         assert!(heading_terms(f64::NAN).all(f64::is_nan));
         let names = HEADING.map(|(name, _)| name);
         assert_eq!(model().prior(&terms(&names, 10.0), &[]).unwrap().sigma(), [20.0; 3]);

@@ -22,7 +22,8 @@ use tempfile::TempDir;
 use super::{
     super::{
         Beside, Lock, Store, TableFiles, current, generation, published,
-        tend::{Collect, collect, scrub},
+        scrub::scrub,
+        tend::{Collect, collect},
     },
     *,
 };
