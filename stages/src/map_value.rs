@@ -26,7 +26,7 @@ stage! {
     /// the levels than half a step has NaN. Downward continuation amplifies what is short: keep levels at or above the map.
     ///
     /// Source: thesis 000, section 2.3; Blakely 1996, chapter 12.
-    MapValue = "map_value", version 2, grain Line, inputs [input: Lines, map: Map],
+    MapValue = "map_value", version 3, grain Line, inputs [input: Lines, map: Map],
     example r#"
 [[stages]]
 name         = "map_value"

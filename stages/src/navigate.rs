@@ -95,7 +95,7 @@ stage! {
     /// `residual_noise` and `assume_noise` of lines that were flown over a known field. Where an offset is taken off (`offset_window_s`), it
     /// holds the lasting part of its first seconds, and what remains has twice the variance and correlation time. To the
     /// white part comes what bilinear interpolation misses between the map's nodes.
-    Navigate = "navigate", version 5, grain Line,
+    Navigate = "navigate", version 6, grain Line,
     inputs [input: Lines, map: Map optional, model: ManyModels optional],
     groups [noise: MeasurementNoise, geometry: SensorGeometry, ins: GradedIns], example r#"
 [[stages]]

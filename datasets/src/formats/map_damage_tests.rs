@@ -49,7 +49,9 @@ fn outcome(folder: &TempDir, name: &str, bytes: &[u8], what: &str) -> Result<Ano
     // A new file each time: some file systems write an overwritten one to the disk at once.
     let _ = fs::remove_file(&path);
     fs::write(&path, bytes).unwrap();
-    let read = catch_unwind(|| read_grid(&path, &given()));
+    // A file whose axes are in degrees contradicts a projected system.
+    let options = if name.contains("xarray") { MapOptions::default() } else { given() };
+    let read = catch_unwind(|| read_grid(&path, &options));
     let read = read.unwrap_or_else(|_| panic!("{name}, {what}: panicked"));
     read.map_err(|e| {
         let said = e.to_string();
@@ -181,6 +183,8 @@ fn unit_a_monstrous_size_in_a_small_file_is_refused_at_once() {
 fn gold_awkward_texts() {
     let folder = TempDir::new().unwrap();
     let said = |name: &str, text: &str| outcome(&folder, name, text.as_bytes(), text).unwrap_err();
+    let infinite = outcome(&folder, "i.grd", b"DSAA\n2 2\n0 10\n0 10\n0 1\n1 2 -inf 4\n", "infinite").unwrap();
+    assert!(infinite.notes.contains(&"1 infinite values are taken as unknown".to_owned()), "{:?}", infinite.notes);
     let surfer = |size: &str, x: &str, values: &str| format!("DSAA\n{size}\n{x}\n0 10\n0 1\n{values}\n");
     for (text, expected) in [
         (surfer("3 1", "0 20", "1 2 3"), "a map needs 2 x 2 cells or more, not 3 x 1"),
@@ -189,7 +193,6 @@ fn gold_awkward_texts() {
         (surfer("2 2", "0 10", "1 2 3 x"), "row 3: `x` is not a number"),
         (surfer("2 2", "0 10", "1 2 3"), "the file is cut short: 3 of 4 values found"),
         (surfer("2 2", "0 10", "2e38 2e38 2e38 2e38"), "column `anomaly`: no cell has a value"),
-        (surfer("2 2", "0 10", "1 2 -inf 4"), "column `anomaly`, row 2: the value is infinite"),
     ] {
         let fault = said("a.grd", &text);
         assert!(fault.ends_with(expected), "{fault}");

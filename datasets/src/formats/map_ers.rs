@@ -279,11 +279,22 @@ fn write(map: &AnomalyGrid, outputs: &mut Outputs) -> Result<(), ReadError> {
     outputs.finish(cells)
 }
 
+/// The name of a unit of eastings and northings; it is no name where the system has another.
+fn length_units(unit_m: f64) -> &'static str {
+    let is = |known_m: f64| ((unit_m - known_m) / known_m).abs() < 1e-9;
+    match unit_m {
+        _ if is(1.0) => "METERS",
+        _ if is(1200.0 / 3937.0) => "US SURVEY FEET",
+        _ if is(0.3048) => "INTERNATIONAL FEET",
+        _ => "UNKNOWN",
+    }
+}
+
 fn header(map: &AnomalyGrid, unknown: f64) -> String {
     let (datum, projection) = names_of(map.crs.code());
     let (kind, units, x_name, y_name) = match map.is_geographic() {
         true => ("LL", "DEGREES", "Longitude", "Latitude"),
-        false => ("EN", "METERS", "Eastings", "Northings"),
+        false => ("EN", length_units(map.crs.unit_m()), "Eastings", "Northings"),
     };
     let (west, north) = (map.x.first - 0.5 * map.x.step, map.y.last() + 0.5 * map.y.step);
     format!(

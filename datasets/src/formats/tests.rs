@@ -308,7 +308,7 @@ fn gold_what_is_wrong_with_a_csv_is_said_with_its_place() {
         (b"flight\tline\ttt\n1\t1\t0.5\n".to_vec(), "its columns are separated by tabs, not by commas"),
         (
             "\u{feff}flight,line,tt\n".encode_utf16().flat_map(u16::to_le_bytes).collect(),
-            "is UTF-16 text (save it as UTF-8)",
+            "is text in UTF-16 (save it as UTF-8)",
         ),
     ] {
         fs::write(&path, bytes).unwrap();

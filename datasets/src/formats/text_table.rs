@@ -258,8 +258,7 @@ fn missing_or_number(word: &str) -> Option<f64> {
 
 /// The number, or NaN for one that is a filler.
 fn known(value: f64) -> f64 {
-    const DUMMY: f64 = 1e30;
-    if value.abs() >= DUMMY || missing::NUMBERS.contains(&value) { f64::NAN } else { value }
+    if missing::NUMBERS.contains(&value) { f64::NAN } else { value }
 }
 
 /// The numbers of a line that has only plain ones between separators of one kind, or blanks.

@@ -202,7 +202,8 @@ mod tests {
         for (memory, keys) in [(0.0, &band[..]), (0.0, &[]), (0.95, &band[..]), (0.95, &[])] {
             let found = scatter_over_claimed(memory, keys);
             // With independent samples assumed: 2.5 behind the filter, 6 in the coloured noise.
-            assert!((0.9..1.1).contains(&found), "{memory} {}: {found}", keys.len());
+            // The scatter itself is known to 0.04 (one sigma), and the autocovariance of 300 s to some percent.
+            assert!((0.85..1.15).contains(&found), "{memory} {}: {found}", keys.len());
         }
     }
 

@@ -101,7 +101,7 @@ mod tests {
     #[test]
     fn gold_the_nearest_table_is_named_as_it_is_written() {
         let tables = ["small.scores", "small.clean", "Big-one.scores"].map(str::to_owned).to_vec();
-        let known = Known { tables, elsewhere: vec![] };
+        let known = Known { pins: Default::default(), tables, elsewhere: vec![] };
         let says = |name: &str| not_there(&TableReference::from(name), &known).and_then(|f| f.help).unwrap_or_default();
         assert_eq!(says("small.score"), "did you mean `small.scores`?");
         assert_eq!(says("clean"), "did you mean `small.clean`?");

@@ -97,8 +97,8 @@ impl Kind {
     /// error's, is not the best of a sweep whatever its other figures.
     pub fn spoils(self) -> bool {
         match self {
-            Kind::WorseThanIns | Kind::NeesHigh | Kind::NeesLow | Kind::NisHigh | Kind::NotWhite => true,
-            Kind::NisLow | Kind::Gnss | Kind::OffMap | Kind::Flat => false,
+            Kind::WorseThanIns | Kind::NeesHigh | Kind::NeesLow | Kind::NisHigh | Kind::NisLow | Kind::NotWhite => true,
+            Kind::Gnss | Kind::OffMap | Kind::Flat => false,
             Kind::MapHeight | Kind::Retention | Kind::Fit | Kind::Map | Kind::Metric => false,
         }
     }
