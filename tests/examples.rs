@@ -105,10 +105,8 @@ fn user_the_main_job_compensates_and_navigates() {
     assert!(drms.iter().zip(&ins).all(|(d, i)| d < i), "{drms:?} {ins:?}");
     assert!(all("nees").iter().all(|x| (0.2..20.0).contains(x)), "{:?}", all("nees"));
     assert!(all("nis").iter().all(|x| (0.25..4.0).contains(x)), "{:?}", all("nis"));
-    // What is left of the aircraft at magnetometer 4 follows the geology of one line.
-    let warnings = last["warnings"].as_array().unwrap();
-    let of_one = |w: &Value| w["kind"] == "retention" && w["axes"]["mag"] == "mag_4_uc" && w["line"] == "3.02";
-    assert!(warnings.len() == 9 && warnings.iter().all(of_one), "{}", last["warnings"]);
+    // The retention of magnetometer 4 on one line is below 0.9 by less than two standard errors.
+    assert!(last["warnings"].as_array().unwrap().is_empty(), "{}", last["warnings"]);
     for (mag, most_m) in [("mag_1_uc", 60.0), ("mag_4_uc", 600.0), ("mag_5_uc", 130.0)] {
         assert!(of(mag, "drms").iter().all(|d| *d < most_m), "{mag}: {:?}", of(mag, "drms"));
     }
@@ -123,8 +121,8 @@ fn user_geology_is_kept_by_a_calibration_far_above_it() {
     let (metrics, values) = (texts(&summary, "metric"), numbers(&summary, "value"));
     let (low, high, lines) =
         (numbers(&summary, "low"), numbers(&summary, "high"), summary.iter().map(|b| b.num_rows()).sum::<usize>());
-    // Two calibrations of three magnetometers, five metrics each.
-    assert_eq!(lines, 30);
+    // Two calibrations of three magnetometers, six metrics each.
+    assert_eq!(lines, 36);
     let of = |mag: &str, calibration: &str, metric: &str| {
         let at =
             (0..values.len()).find(|i| mags[*i] == mag && boxes[*i] == calibration && metrics[*i] == metric).unwrap();
