@@ -5,6 +5,7 @@ use std::{
     fs::File,
     io::{Read, Write, stdin, stdout},
     os::fd::AsFd,
+    panic::{AssertUnwindSafe, catch_unwind},
     path::PathBuf,
     thread::available_parallelism,
 };
@@ -24,7 +25,7 @@ use super::parameters;
 use crate::{
     confine, deep,
     store::pulled,
-    views::sql::{Pins, Session, WORKER_STACK},
+    views::sql::{Pins, Session, WORKER_STACK, memory},
 };
 
 /// The most threads that compute a query, and that wait for its files.
@@ -192,7 +193,15 @@ pub fn answer() -> Result<(), Fault> {
     // Not line by line.
     let mut out = File::from(stdout().as_fd().try_clone_to_owned().map_err(lost)?);
     let mut send = |piece: Piece| piece.write(&mut out).map_err(lost);
-    let end = match answered(&question, &mut send) {
+    // A text that is longer than its offsets can count ends DataFusion with a panic.
+    let too_long = |_| {
+        let most = memory::shown(question.memory);
+        Err(Fault::new(format!(
+            "the query needs more memory than the {most} that it may take, or makes texts beyond 2 GiB"
+        ))
+        .help("ask for fewer rows or shorter texts"))
+    };
+    let end = match catch_unwind(AssertUnwindSafe(|| answered(&question, &mut send))).unwrap_or_else(too_long) {
         Ok(()) => Piece::End,
         Err(fault) => Piece::Failed(Refusal { text: fault.to_string(), lasting: fault.owner.is_lasting() }),
     };

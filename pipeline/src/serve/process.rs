@@ -125,7 +125,12 @@ impl Processes {
     /// # Errors
     /// Fails when the query is wrong, does anything but ask, or takes too long or too much.
     pub async fn plan(&self, asked: Asked) -> Result<Head, Status> {
-        Ok(self.begin(asked, false).await?.0)
+        let (head, reader) = self.begin(asked, false).await?;
+        // Its place and its part of the memory are free when it has ended.
+        while let Some(piece) = reader.next().await {
+            piece?;
+        }
+        Ok(head)
     }
 
     /// The columns of a query, and its rows as they come.
