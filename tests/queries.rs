@@ -134,7 +134,7 @@ fn user_lineage_ends_at_the_files() {
 fn gold_explain_says_what_is_there_and_what_is_to_do() {
     let bench = Bench::new();
     let before = stdout(&bench.magline(&["explain", "spec.toml"]));
-    assert!(before.contains("clean  compensate v3 <- terms, coefficients"), "{before}");
+    assert!(before.contains("clean  compensate v4 <- terms, coefficients"), "{before}");
     assert!(before.contains("at 8 points: mag (2) x vector (2) x lambda (2); 4 lines"), "{before}");
     assert!(before.contains("0 of 32 are there, 32 to compute"), "{before}");
     bench.run(&[]);

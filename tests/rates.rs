@@ -170,5 +170,6 @@ fn user_a_model_without_a_rate_is_refused_where_its_terms_are_differences() {
         bench.run(&[])
     };
     let done = run("[\"permanent\", \"induced5\", \"eddy8\"]");
-    assert!(done.code != 0 && done.stderr.contains("no `rate_hz`") && done.stderr.contains("fit"), "{}", done.stderr);
+    let said = format!("{}{}", done.stderr, done.last);
+    assert!(done.code != 0 && said.contains("no `rate_hz`") && said.contains("fit"), "{said}");
 }
