@@ -24,7 +24,7 @@ fn is_device(name: &str) -> bool {
     let numbered = |start: &&str| {
         stem.strip_prefix(*start).is_some_and(|n| n.len() == 1 && n.starts_with(|c: char| ('1'..='9').contains(&c)))
     };
-    DEVICES.contains(&stem.as_str()) || NUMBERED.iter().any(|start| numbered(start))
+    DEVICES.contains(&stem.as_str()) || NUMBERED.iter().any(numbered)
 }
 
 /// Checks the name of a pipeline, table, axis or stage, which becomes a folder and an identifier of SQL.
