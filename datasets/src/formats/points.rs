@@ -288,7 +288,7 @@ impl<'a> Found<'a> {
         let degrees = named(self.x, LONGITUDES) && named(self.y, LATITUDES);
         let unit = unit.or_else(|| degrees.then_some(AxisUnit::Angle(1.0)));
         let origin = if options.epsg.is_some() { Origin::Given } else { Origin::File };
-        let factor = unit.map_or(Ok(1.0), |unit| unit.into_system(path, &self.system, origin, notes))?;
+        let factor = unit.map_or(Ok(1.0), |unit| unit.to_system(path, &self.system, origin, notes))?;
         let of = |column: &Column, notes: &mut Vec<String>| -> Result<Vec<f64>, ReadError> {
             let mut values = column.numbers(path)?;
             without_markers(&mut values, missing, false, notes);

@@ -143,7 +143,7 @@ impl AxisUnit {
     /// # Errors
     /// Fails for lengths in a system of degrees, degrees in a projected system, and feet in a system of metres (or the
     /// reverse) where the file itself gives both.
-    pub(crate) fn into_system(
+    pub(crate) fn to_system(
         &self,
         path: &Path,
         crs: &Crs,
@@ -283,14 +283,14 @@ mod tests {
         let utm = Crs::from_epsg(path, 32754).unwrap();
         let (feet, km) = (AxisUnit::of("US_survey_foot").unwrap(), AxisUnit::of("km").unwrap());
         let notes = &mut vec![];
-        assert!((feet.into_system(path, &utm, Origin::Given, notes).unwrap() - US_FOOT).abs() < 1e-12);
-        assert_eq!(km.into_system(path, &utm, Origin::File, notes).unwrap(), 1000.0);
-        let fault = feet.into_system(path, &utm, Origin::File, notes).unwrap_err().to_string();
+        assert!((feet.to_system(path, &utm, Origin::Given, notes).unwrap() - US_FOOT).abs() < 1e-12);
+        assert_eq!(km.to_system(path, &utm, Origin::File, notes).unwrap(), 1000.0);
+        let fault = feet.to_system(path, &utm, Origin::File, notes).unwrap_err().to_string();
         assert!(fault.contains("in US_survey_foot, but EPSG:32754") && fault.contains("`epsg` = 32754"), "{fault}");
-        assert!(AxisUnit::Angle(1.0).into_system(path, &utm, Origin::Given, notes).is_err());
-        assert!(km.into_system(path, &Crs::wgs84().unwrap(), Origin::Given, notes).is_err());
+        assert!(AxisUnit::Angle(1.0).to_system(path, &utm, Origin::Given, notes).is_err());
+        assert!(km.to_system(path, &Crs::wgs84().unwrap(), Origin::Given, notes).is_err());
         let state = Crs::from_epsg(path, 2263).unwrap();
-        assert_eq!(feet.into_system(path, &state, Origin::File, notes).unwrap(), 1.0);
-        assert!(AxisUnit::of("m").unwrap().into_system(path, &state, Origin::File, notes).is_err());
+        assert_eq!(feet.to_system(path, &state, Origin::File, notes).unwrap(), 1.0);
+        assert!(AxisUnit::of("m").unwrap().to_system(path, &state, Origin::File, notes).is_err());
     }
 }

@@ -218,7 +218,7 @@ impl<'a> Draft<'a> {
         let crs = Crs::from_epsg(self.path, code)?;
         if let Some(unit) = self.axis_unit.take() {
             let origin = if options.epsg.is_some() { Origin::Given } else { Origin::File };
-            let factor = unit.into_system(self.path, &crs, origin, &mut self.notes)?;
+            let factor = unit.to_system(self.path, &crs, origin, &mut self.notes)?;
             (self.x, self.y) = (self.x.scaled(factor), self.y.scaled(factor));
         }
         Ok(crs)
