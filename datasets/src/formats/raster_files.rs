@@ -118,6 +118,9 @@ impl Attribute {
     }
 }
 
+/// A variable of a NetCDF: its name, dimensions, attributes and values.
+type Variable<'a> = (&'a str, Vec<u32>, Vec<(&'a str, Attribute)>, Attribute);
+
 /// A classic NetCDF of one grid `z` over `y` and `x` with these attributes of `z` and units of the axes.
 pub(super) fn netcdf(
     x: &[f64],
@@ -132,7 +135,7 @@ pub(super) fn netcdf(
         out.resize(out.len().next_multiple_of(4), 0);
     };
     let word = |out: &mut Vec<u8>, x: u32| out.extend(x.to_be_bytes());
-    let variables: Vec<(&str, Vec<u32>, Vec<(&str, Attribute)>, Attribute)> = vec![
+    let variables: Vec<Variable> = vec![
         ("x", vec![0], vec![("units", Attribute::Text(units[0]))], Attribute::Doubles(x.to_vec())),
         ("y", vec![1], vec![("units", Attribute::Text(units[1]))], Attribute::Doubles(y.to_vec())),
         ("z", vec![1, 0], attributes.to_vec(), values),

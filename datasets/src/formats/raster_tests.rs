@@ -170,7 +170,7 @@ fn unit_side_files_are_applied_and_never_to_another_file() {
     let folder = TempDir::new().unwrap();
     let path = folder.path().join("m.tif");
     let image = Image::band(2, 2, 16, 2, cells(&[7_i16, 10, 20, 100], i16::to_le_bytes));
-    fs::write(&path, tiff(&[image.clone()])).unwrap();
+    fs::write(&path, tiff(std::slice::from_ref(&image))).unwrap();
     let aux = folder.path().join("m.tif.aux.xml");
     let pam = |band: &str| format!("<PAMDataset>\n<PAMRasterBand band=\"1\">\n{band}\n</PAMRasterBand>\n</PAMDataset>");
     let all =

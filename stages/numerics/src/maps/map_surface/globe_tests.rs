@@ -25,7 +25,8 @@ fn law_the_seam_is_as_good_as_any_other_place() {
             let map = MapSurface::new(&globe(west, columns), kind);
             for i in -80..=80 {
                 let (lat, lon) = (11.3, west + 0.1 * f64::from(i));
-                for turn in [-360.0, 0.0, 360.0] {
+                // No longitude is beyond a turn.
+                for turn in [-360.0, 0.0, 360.0].into_iter().filter(|turn| (lon + turn).abs() <= 360.0) {
                     let found = map.at(lat, lon + turn).map(|f| f.value_nt);
                     let error = found.map(|v| (v - field(lat, lon)).abs());
                     assert!(error.is_some_and(|e| e < most), "{west} {columns} {kind:?} {lon}: {error:?}");
