@@ -27,8 +27,9 @@ use crate::navigation::pinson::{ALT, LAT, LON, StateMatrix, TILT_D, TILT_N, VD, 
 use crate::navigation::position_fixes::{PositionFixes, StateFix};
 use crate::navigation::sensitivity::Sensitivity;
 
-/// The squared innovation over its variance, a component, beyond which one fix is rejected: 1e-6 of healthy pairs are.
-pub const SINGLE_NIS: f64 = 13.8;
+/// The squared innovation over its variance, a component, beyond which one fix is rejected, for a height and for a pair of
+/// coordinates: 1e-6 of healthy ones are.
+pub const SINGLE_NIS: [f64; 2] = [23.9, 13.8];
 /// The part of each whitened innovation that the cumulative sum ignores, in standard deviations.
 pub const ALLOWANCE: f64 = 1.5;
 /// The cumulative sum that is an alarm, in standard deviations.
@@ -138,12 +139,14 @@ impl Channel {
         if self.calm.is_none() || self.sums.iter().flatten().all(|sum| *sum == 0.0) {
             self.calm = Some((row, *before));
         }
-        for (sums, z) in self.sums.iter_mut().zip(z) {
+        // Before the noise of the fixes is known, its excess would be taken as a drift.
+        let armed = self.squares.len() >= SCALE_OVER / 2 * z.len();
+        for (sums, z) in self.sums.iter_mut().zip(z).filter(|_| armed) {
             let z = (z / scale.sqrt()).clamp(-LARGEST, LARGEST);
             *sums = [(sums[0] + z - ALLOWANCE).max(0.0), (sums[1] - z - ALLOWANCE).max(0.0)];
         }
         let alarm = self.sums.iter().flatten().any(|sum| *sum > ALARM);
-        let used = nis <= SINGLE_NIS;
+        let used = nis <= SINGLE_NIS[z.len() - 1];
         if used {
             self.squares.extend(z.iter().map(|z| z * z));
         }
