@@ -244,7 +244,7 @@ impl<'a> Problem<'a> {
     /// The moments of each line.
     fn lines(&self) -> Result<Vec<Moments>, Fault> {
         let own = |(i, s): (usize, &&Share)| {
-            let own = own(&self.scaled(&s.moments, i)?.into_owned(), self.places.as_deref())?;
+            let own = own(&*self.scaled(&s.moments, i)?, self.places.as_deref())?;
             match &self.components {
                 Some(components) => components.of(&own),
                 None => Ok(own),
