@@ -448,8 +448,8 @@ fn user_sets_with_special_files_verify_at_once() {
     let device = |at: &Path| symlink("/dev/zero", at).unwrap();
     let sparse = |at: &Path| fs::File::create(at).unwrap().set_len(1 << 40).unwrap();
     let socket = |at: &Path| drop(std::os::unix::net::UnixListener::bind(at).unwrap());
-    let kinds: [(&str, &dyn Fn(&Path)); 4] =
-        [("pipe", &pipe), ("device", &device), ("sparse", &sparse), ("socket", &socket)];
+    type Make = dyn Fn(&Path);
+    let kinds: [(&str, &Make); 4] = [("pipe", &pipe), ("device", &device), ("sparse", &sparse), ("socket", &socket)];
     for (kind, make) in kinds {
         for file in files {
             let copy = bench.path("copy");

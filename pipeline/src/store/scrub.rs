@@ -16,6 +16,9 @@ use super::{
 };
 use crate::{cost, keys::Key, sources, views};
 
+/// Whether the file of a name and content is whole.
+type Rule<'a> = dyn Fn(&str, &[u8]) -> bool + 'a;
+
 /// The note on a damaged file that a run does not repair.
 const OLDER: &str = "; it is of an older version, which `magline gc --yes` drops";
 
@@ -134,7 +137,7 @@ fn small(root: &Path, found: &mut Scrubbed) -> Result<(), Fault> {
     };
     check(root.join("index"), &|_, bytes| catalogue::parse(bytes).is_some())?;
     let named = |name: &str, bytes: &[u8]| name == format!("{}.json", Key::of([bytes]));
-    let rules: [(&str, &dyn Fn(&str, &[u8]) -> bool); 6] = [
+    let rules: [(&str, &Rule<'_>); 6] = [
         ("sources", &|_, bytes| sources::is_whole(bytes)),
         ("plans", &|name, bytes| match name.strip_suffix(".json") {
             Some(pipeline) => pipeline_name(pipeline).is_ok() && sources::is_whole(bytes),
