@@ -120,7 +120,7 @@ fn law_a_model_that_was_fitted_at_ten_hertz_holds_at_others() {
     assert!(rate.iter().all(|hz| *hz == 10.0), "{rate:?}");
     for (table, rate_hz) in [("terms_10", "10"), ("late", "5")] {
         let folder = bench.path(&format!("store/tables/rates/{table}"));
-        let file = std::fs::read_dir(folder).unwrap().flatten().map(|e| e.path());
+        let mut file = std::fs::read_dir(folder).unwrap().flatten().map(|e| e.path());
         let file = file.find(|f| f.extension().is_some_and(|e| e == "parquet")).unwrap();
         let schema = ParquetRecordBatchReaderBuilder::try_new(std::fs::File::open(file).unwrap()).unwrap();
         assert_eq!(schema.schema().field_with_name("tl").unwrap().metadata()["rate_hz"], rate_hz, "{table}");
