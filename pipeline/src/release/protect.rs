@@ -2,7 +2,7 @@
 //! by row.
 //!
 //! The lineage of columns is walked from each column that is to be published. It ends at tables of scores and models that are
-//! aggregates by the rules of [`aggregate`](super::aggregate). Lists in such tables hold single samples and are no aggregates; nor are
+//! aggregates by the rules of [`aggregate`]. Lists in such tables hold single samples and are no aggregates; nor are
 //! maps and flight lines, at any distance from the restricted column.
 
 use std::collections::{BTreeMap, HashMap, HashSet, VecDeque};
