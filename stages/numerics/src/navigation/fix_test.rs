@@ -8,7 +8,7 @@
 //!   Kirubarajan 2001, section 5.4];
 //! - a two-sided cumulative sum of each whitened component z, g ← max(0, g ± z − [`ALLOWANCE`]), with an alarm at
 //!   [`ALARM`] [Page 1954; Basseville & Nikiforov 1993, section 2.2]. It finds what changes by less than the noise from fix to
-//!   fix: a drift of 1 m/s with fixes of 2 m each second after 9 s, one of 0.5 m/s after 15 s.
+//!   fix: a drift of 1 m/s with fixes of 2 m each second within 15 s, one of 0.5 m/s within 30 s.
 //!
 //! At an alarm the fixes since the sum was last 0 are rejected too, and the test resumes from its state before them, as a
 //! receiver that keeps its last seconds does. While the alarm lasts, the INS alone predicts. [`RECOVERY`] fixes in a row that
