@@ -30,19 +30,20 @@ pub fn command(program: &std::path::Path) -> Command {
 pub fn limit_memory(bytes: usize) -> Result<(), Fault> {
     let refused = |e: nix::errno::Errno| Fault::machine(format!("cannot limit the memory of a process: {e}"));
     let (_, hard) = getrlimit(Resource::RLIMIT_DATA).map_err(refused)?;
-    let most = (of_status("self", "VmData:").unwrap_or(0) as u64).saturating_add(bytes as u64).min(hard);
+    let most = (bytes_of("self", "VmData:").unwrap_or(0) as u64).saturating_add(bytes as u64).min(hard);
     setrlimit(Resource::RLIMIT_DATA, most, hard).map_err(refused)
 }
 
 /// The bytes of memory that a process uses by itself, without those of files.
 pub fn used(process: u32) -> Option<usize> {
-    of_status(&process.to_string(), "RssAnon:")
+    bytes_of(&process.to_string(), "RssAnon:")
 }
 
-fn of_status(process: &str, key: &str) -> Option<usize> {
-    let status = fs::read_to_string(format!("/proc/{process}/status")).ok()?;
-    let value = status.lines().find_map(|line| line.strip_prefix(key))?;
-    value.trim().trim_end_matches("kB").trim().parse::<usize>().ok().map(|kib| kib << 10)
+/// A size of a process, bytes, under its name in `/proc`; `None` where the system does not report it.
+pub fn bytes_of(process: &str, key: &str) -> Option<usize> {
+    let text = fs::read_to_string(format!("/proc/{process}/status")).ok()?;
+    let line = text.lines().find_map(|line| line.strip_prefix(key))?;
+    line.trim().trim_end_matches("kB").trim().parse::<usize>().ok()?.checked_mul(1024)
 }
 
 /// Whether a process ended because it had no memory left: an allocation that fails aborts it, and the kernel kills it where

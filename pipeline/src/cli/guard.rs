@@ -22,7 +22,7 @@ use nix::{
 use schemas::Fault;
 
 use super::Stop;
-use crate::views::sql::memory;
+use crate::{confine, views::sql::memory};
 
 /// The variable that names the folder for temporary files, and marks the child.
 const CHILD: &str = "MAGLINE_QUERY_FOLDER";
@@ -55,7 +55,7 @@ pub fn limit(memory: usize) {
     #[cfg(target_os = "linux")]
     let _ = nix::sys::prctl::set_pdeathsig(Signal::SIGKILL);
     let threads = available_parallelism().map_or(8, usize::from) as u64;
-    if let Some(now) = bytes_of("self", "VmSize:") {
+    if let Some(now) = confine::bytes_of("self", "VmSize:") {
         let all = (now as u64).saturating_add(most(memory) as u64).saturating_add(RESERVED + THREAD * threads);
         // Where the kernel has no such limit, the parent watches all the same.
         let _ = setrlimit(Resource::RLIMIT_AS, all, all);
@@ -108,12 +108,11 @@ pub fn exceeded(memory: usize) -> Fault {
 /// Waits for the end of the child; its exit status, and `None` where a signal ended it, or it took more than `most` bytes.
 fn watch(child: &mut Child, most: usize) -> io::Result<Option<i32>> {
     let [mut wait, longest] = LOOK;
-    let number = child.id().to_string();
     loop {
         if let Some(status) = child.try_wait()? {
             return Ok(status.code());
         }
-        if bytes_of(&number, "RssAnon:").is_some_and(|bytes| bytes > most) {
+        if confine::used(child.id()).is_some_and(|bytes| bytes > most) {
             child.kill()?;
             child.wait()?;
             return Ok(None);
@@ -121,11 +120,4 @@ fn watch(child: &mut Child, most: usize) -> io::Result<Option<i32>> {
         sleep(wait);
         wait = (wait * 2).min(longest);
     }
-}
-
-/// A size of a process, bytes; `None` where the system does not report it.
-fn bytes_of(process: &str, key: &str) -> Option<usize> {
-    let text = fs::read_to_string(format!("/proc/{process}/status")).ok()?;
-    let line = text.lines().find_map(|line| line.strip_prefix(key))?;
-    line.trim().trim_end_matches("kB").trim().parse::<usize>().ok()?.checked_mul(1024)
 }
