@@ -6,9 +6,10 @@
 //!
 //! - the chi-square test of one fix, νᵀ S⁻¹ ν against [`SINGLE_NIS`]: a fix beyond it is rejected [Bar-Shalom, Li &
 //!   Kirubarajan 2001, section 5.4];
-//! - a two-sided cumulative sum of each whitened component z, g ← max(0, g ± z − [`ALLOWANCE`]), with an alarm at
-//!   [`ALARM`] [Page 1954; Basseville & Nikiforov 1993, section 2.2]. It finds what changes by less than the noise from fix to
-//!   fix: a drift of 1 m/s with fixes of 2 m each second within 15 s, one of 0.5 m/s within 30 s.
+//! - a cumulative sum s of the whitened innovations z, s ← (s + z) max(0, 1 − k / |s + z|) with k = [`ALLOWANCE`], and an
+//!   alarm where |s| > [`ALARM`] [Crosier 1988, Multivariate generalizations of cumulative sum quality-control schemes,
+//!   Technometrics 30(3)], which has the same power in every direction. It finds what changes by less than the noise from fix to
+//!   fix: a drift of 1 m/s with fixes of 2 m each second after 7 to 12 s, one of 0.5 m/s after 12 to 19 s.
 //!
 //! At an alarm the fixes since the sum was last 0 are rejected too, and the test resumes from its state before them, as a
 //! receiver that keeps its last seconds does. While the alarm lasts, the INS alone predicts. [`RECOVERY`] fixes in a row that
@@ -31,9 +32,9 @@ use crate::navigation::sensitivity::Sensitivity;
 /// coordinates: 1e-6 of healthy ones are.
 pub const SINGLE_NIS: [f64; 2] = [23.9, 13.8];
 /// The part of each whitened innovation that the cumulative sum ignores, in standard deviations.
-pub const ALLOWANCE: f64 = 1.5;
+pub const ALLOWANCE: f64 = 1.0;
 /// The cumulative sum that is an alarm, in standard deviations.
-pub const ALARM: f64 = 8.0;
+pub const ALARM: f64 = 10.0;
 /// The largest innovation that enters the sum, in standard deviations: one wild fix is no alarm.
 const LARGEST: f64 = 5.0;
 /// The consecutive fixes that must agree with the INS before fixes are used again.
@@ -85,9 +86,9 @@ const CHANNELS: [&[usize]; 2] = [&[0, 1], &[2]];
 struct Channel {
     /// Its coordinates.
     coordinates: &'static [usize],
-    /// The sums of each coordinate, upward and downward.
-    sums: [[f64; 2]; 2],
-    /// The sample of the last fix before which all sums were 0, and the estimate before it.
+    /// The cumulative sum of each coordinate's whitened innovations.
+    sum: [f64; 2],
+    /// The sample of the last fix before which the sum was 0, and the estimate before it.
     calm: Option<(usize, Estimate)>,
     /// The fixes in a row that agreed during an alarm; `None` without one.
     alarm: Option<usize>,
@@ -109,8 +110,8 @@ struct Monitor<'a> {
 
 impl Channel {
     fn new(coordinates: &'static [usize], rows: usize) -> Self {
-        let (sums, squares) = ([[0.0; 2]; 2], Vec::with_capacity(2 * SCALE_OVER));
-        Self { coordinates, sums, calm: None, alarm: None, squares, uses: vec![true; rows] }
+        let (sum, squares) = ([0.0; 2], Vec::with_capacity(2 * SCALE_OVER));
+        Self { coordinates, sum, calm: None, alarm: None, squares, uses: vec![true; rows] }
     }
 
     /// The variance that a unit of the assumed one is, by the last fixes; at least 1.
@@ -125,6 +126,15 @@ impl Channel {
         (*median / MEDIAN_SQUARE).max(1.0)
     }
 
+    /// Adds whitened innovations of the standard deviation `scale` to the cumulative sum.
+    fn accumulate(&mut self, z: &[f64], scale: f64) {
+        for (sum, z) in self.sum.iter_mut().zip(z) {
+            *sum += (z / scale).clamp(-LARGEST, LARGEST);
+        }
+        let shrink = (1.0 - ALLOWANCE / length(self.sum)).max(0.0);
+        self.sum = self.sum.map(|sum| sum * shrink);
+    }
+
     /// Whether a fix of these whitened innovations is used, and whether it raises an alarm.
     fn judge(&mut self, z: &[f64], row: usize, before: &Estimate) -> (bool, bool) {
         let scale = self.scale();
@@ -132,20 +142,18 @@ impl Channel {
         if let Some(agreed) = &mut self.alarm {
             *agreed = if nis < AGREES_NIS { *agreed + 1 } else { 0 };
             if *agreed >= RECOVERY {
-                (self.alarm, self.sums, self.calm) = (None, [[0.0; 2]; 2], None);
+                (self.alarm, self.sum, self.calm) = (None, [0.0; 2], None);
             }
             return (false, false);
         }
-        if self.calm.is_none() || self.sums.iter().flatten().all(|sum| *sum == 0.0) {
+        if self.calm.is_none() || self.sum == [0.0; 2] {
             self.calm = Some((row, *before));
         }
         // Before the noise of the fixes is known, its excess would be taken as a drift.
-        let armed = self.squares.len() >= SCALE_OVER / 2 * z.len();
-        for (sums, z) in self.sums.iter_mut().zip(z).filter(|_| armed) {
-            let z = (z / scale.sqrt()).clamp(-LARGEST, LARGEST);
-            *sums = [(sums[0] + z - ALLOWANCE).max(0.0), (sums[1] - z - ALLOWANCE).max(0.0)];
+        if self.squares.len() >= SCALE_OVER / 2 * z.len() {
+            self.accumulate(z, scale.sqrt());
         }
-        let alarm = self.sums.iter().flatten().any(|sum| *sum > ALARM);
+        let alarm = length(self.sum) > ALARM;
         let used = nis <= SINGLE_NIS[z.len() - 1];
         if used {
             self.squares.extend(z.iter().map(|z| z * z));
@@ -198,7 +206,7 @@ impl<'a> Monitor<'a> {
         self.now.check(row, self.ins.tt_s[row])
     }
 
-    /// Rejects the fixes of a channel since its sums began to rise, and filters these samples again.
+    /// Rejects the fixes of a channel since its sum began to rise, and filters these samples again.
     fn resume(&mut self, of: usize, row: usize) {
         self.alarms.push(row);
         let channel = &mut self.channels[of];
@@ -246,6 +254,10 @@ impl<'a> Monitor<'a> {
         }
         TestedFixes { accepted, rejected, alarms: self.alarms }
     }
+}
+
+fn length([a, b]: [f64; 2]) -> f64 {
+    a.hypot(b)
 }
 
 /// The innovations of fixes of an estimate, made independent and of variance 1, in their order.
