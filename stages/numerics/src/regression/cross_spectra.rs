@@ -9,7 +9,7 @@
 //! ```
 //!
 //! where C_band is the part of AᵀA that lies in a band of frequencies and s_band the power of the residual there, per degree
-//! of freedom. The bands are a quarter of an octave wide; neighbours are joined until the fit has left them enough degrees of
+//! of freedom. The bands are an eighth of an octave wide; neighbours are joined until the fit has left them enough degrees of
 //! freedom to estimate a power. Terms and residual may have any spectrum that is smooth within a band.
 //!
 //! Source: Hannan 1963, Regression for time series; Robinson 1998, Inference without smoothing in the presence of
@@ -20,7 +20,7 @@ use std::collections::BTreeMap;
 use realfft::{RealFftPlanner, num_complex::Complex};
 
 /// Bands of an octave.
-const BANDS: f64 = 4.0;
+const BANDS: f64 = 8.0;
 /// The lower edge of the lowest band, Hz; what is slower is one band.
 const LOWEST_HZ: f64 = 1e-3;
 /// Degrees of freedom that a band has at least after the fit.
