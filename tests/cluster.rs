@@ -153,7 +153,7 @@ fn user_a_scheduler_that_is_killed_and_started_again_costs_nothing_that_was_fini
 fn user_without_workers_a_run_ends_in_words_and_the_next_one_goes_on() {
     let (bench, units) = scene();
     let mut cluster = Cluster::new(MAGLINE, bench.folder.path(), 2);
-    let run = begun(&bench, &cluster, &["--patience", "4s"]);
+    let run = begun(&bench, &cluster, &["--patience", "8s"]);
     under_way(&cluster);
     cluster.kill(0);
     cluster.kill(1);
@@ -161,7 +161,7 @@ fn user_without_workers_a_run_ends_in_words_and_the_next_one_goes_on() {
     let (code, last) = ended(&output);
     assert_eq!(code, 1, "{}", stderr(&output));
     let said = last["failures"].to_string();
-    assert!(said.contains("no worker has been at the scheduler") && said.contains("for 4 s"), "{said}");
+    assert!(said.contains("no worker has been at the scheduler") && said.contains("for 8 s"), "{said}");
     let finished = total(&last, "computed");
     assert!(finished > 0 && finished < units, "{finished} of {units}");
     // It waited for them before it gave up.

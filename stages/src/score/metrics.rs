@@ -94,7 +94,7 @@ mod tests {
                 "r95" => Pool::Quantile(95),
                 "bias_error" | "map_bias_error" => Pool::Mean,
                 "anomaly_retention_se" => Pool::Error,
-                name if name.starts_with("samples_") => Pool::Sum,
+                name if name.starts_with("samples_") || name == "gnss_rejected" => Pool::Sum,
                 _ if m.unit == "1" => Pool::Mean,
                 _ => Pool::Rms,
             };
