@@ -1,4 +1,4 @@
-//! What a client that is not magline's can have a cluster do: nothing without its key, and with it nothing but tasks of magline.
+//! Requests of a client that is not magline's to a cluster: nothing without its key, and with it nothing but tasks of magline.
 
 use std::{fs, net::TcpListener, os::unix::fs::PermissionsExt, path::Path, sync::Arc, time::Duration};
 
@@ -205,7 +205,7 @@ impl ServerCertVerifier for Anyone {
     }
 }
 
-/// What a REST path of the scheduler answers.
+/// The answer of a REST path of the scheduler.
 async fn rest(mut channel: Channel, method: &str, path: &str) -> Result<u16, String> {
     let request = http::Request::builder().method(method).uri(path).body(Body::empty()).unwrap();
     std::future::poll_fn(|cx| channel.poll_ready(cx)).await.map_err(|e| e.to_string())?;

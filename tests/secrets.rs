@@ -14,7 +14,7 @@ use std::{
 
 use crate::support::{Bench, stderr, stdout};
 
-/// What must not be seen: access key, secret key, session token, password.
+/// Texts that must not be seen: access key, secret key, session token, password.
 const SECRETS: [&str; 4] = ["AKIAGEHEIM", "geheim-secret", "geheim-token", "geheim-password"];
 
 /// A server that answers every request with this status and what it was sent; and how many it had.
@@ -48,7 +48,7 @@ fn echo(mut stream: TcpStream, status: &str, header: &str, count: &AtomicUsize) 
     let _ = write!(stream, "HTTP/1.1 {status}\r\n{header}content-length: {length}\r\nconnection: close\r\n\r\n{body}");
 }
 
-/// What commands say, and write, with a store at this endpoint.
+/// Output and files of commands with a store at this endpoint.
 fn told(bench: &Bench, endpoint: &str) -> String {
     let command = |args: &[&str]| {
         let output = Command::new(env!("CARGO_BIN_EXE_magline"))

@@ -1,4 +1,4 @@
-//! What strangers can do: files, specs, stores, sets and queries that they hand over. `SECURITY.md` names each test.
+//! Limits of what strangers can do by files, specs, stores, sets and queries. `SECURITY.md` names each test.
 
 use std::{
     fs,
@@ -35,7 +35,7 @@ fn publish(bench: &Bench, tables: &[&str], to: &str) -> Output {
     bench.magline(&args)
 }
 
-/// What publishing the table of a spec says, and whether it was refused.
+/// The output of publishing the table of a spec, and whether it was refused.
 fn asked(spec: &str, tables: &[&str]) -> (bool, String) {
     let bench = Bench::new();
     bench.spec(spec);

@@ -1,7 +1,7 @@
 //! The dependence of list entries on the sample rate of their line.
 //!
 //! The terms of a model are differences per sample, so that their coefficients hold at one rate. A list column names such
-//! entries in its metadata, and whatever applies a model at another rate converts them or refuses.
+//! entries in its metadata, and every stage that applies a model at another rate converts them or refuses.
 
 use std::collections::HashMap;
 

@@ -139,7 +139,7 @@ impl Recipe {
             Recipe::Difference(..) | Recipe::Extended(_, Group::ProjectedChange) => Some(RateLaw::Difference(1)),
             Recipe::Lag(..) => Some(RateLaw::Lag),
             Recipe::TollesLawson(_) | Recipe::Core(_) => name.ends_with("_dot").then_some(RateLaw::Difference(1)),
-            // A recorded column means the same at any rate, whatever its name.
+            // A recorded column has the same meaning at any rate, even if its name ends in a derivative.
             Recipe::Plain(_) | Recipe::Between(..) | Recipe::LowPass(_) | Recipe::Dcm(_) | Recipe::Product(_) => None,
             Recipe::Extended(_, Group::Raw | Group::Projected) | Recipe::Slope(_) => None,
         }

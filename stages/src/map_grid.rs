@@ -272,7 +272,7 @@ impl MapGrid {
         reads
     }
 
-    /// What is wrong with corrections that the values have had before.
+    /// Faults of corrections that the values have had before.
     fn corrections_twice(&self, shape: &Shape) -> Vec<Fault> {
         let value = std::slice::from_ref(&self.value);
         let core = ("core_field", "say `core_field = \"none\"`");

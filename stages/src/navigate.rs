@@ -278,7 +278,7 @@ impl Navigate {
             && self.filter.keys.takes_field()
     }
 
-    /// What is wrong with corrections that the magnetometers have had before.
+    /// Faults of corrections that the magnetometers have had before.
     fn corrections_twice(&self, shape: &Shape) -> Vec<Fault> {
         let mags = self.magnetometers();
         let there = shape.get(DIURNAL).is_some() || self.remove_diurnal.is_some();

@@ -45,7 +45,7 @@ const SIGNATURES: &[Signature] = &[
     (0, b"{\\rtf", "a document in RTF", EXPORT),
 ];
 
-/// What a file is, and the remedy; `None` where its start is not known.
+/// The kind of a file, and the remedy; `None` where its start is not known.
 fn known(head: &Head) -> Option<(&'static str, &'static str)> {
     let holds = |name: &str| head.path.is_dir() && head.path.join(name).is_file();
     if holds("hdr.adf") {

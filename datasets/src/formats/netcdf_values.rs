@@ -196,7 +196,7 @@ fn in_type(kind: &NcType, modulus: Option<f64>, x: f64) -> f64 {
     signed(modulus, kind, x)
 }
 
-/// What NetCDF writes where a program wrote nothing; bytes have no such value.
+/// The default fill value of NetCDF; bytes have no such value.
 fn default_fill(kind: &NcType) -> Option<f64> {
     Some(match kind {
         NcType::Short => -32_767.0,

@@ -29,7 +29,7 @@ params! {
     line: Option<String>, unit "", default None, absent "the file's";
     /// The EPSG code of the eastings and northings of survey points (`format = "points"`).
     epsg: Option<u16>, unit "", default None, absent "the file's";
-    /// What is accepted although it looks impossible.
+    /// Checks that impossible values may fail.
     accept: Vec<Accept>, unit "", default Vec::<Accept>::new();
 }
 
@@ -54,7 +54,7 @@ params! {
     /// Numbers that mark an unknown value, in addition to those that the file names and to the usual ones beyond any
     /// field (the largest single-precision number, Surfer's blank, Geosoft's -1e32).
     missing: Vec<Word>, unit "", default Vec::<Word>::new();
-    /// What is accepted although it looks impossible.
+    /// Checks that impossible values may fail.
     accept: Vec<Accept>, unit "", default Vec::<Accept>::new();
 }
 

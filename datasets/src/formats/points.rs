@@ -40,7 +40,7 @@ pub struct PointOptions {
     pub to_epsg: Option<u16>,
     /// Numbers that mark a missing position, height or value, in the unit of the file.
     pub missing: Vec<Word>,
-    /// What is accepted although it looks impossible.
+    /// Checks that impossible values may fail.
     pub accept: Vec<Accept>,
 }
 

@@ -215,7 +215,7 @@ impl Column {
         AxisUnit::read(path, &self.name, said)
     }
 
-    /// The numbers of the file, whatever their unit.
+    /// The numbers of the file, in its own unit.
     ///
     /// # Errors
     /// Fails for values that are no numbers.

@@ -58,7 +58,7 @@ const LENGTHS: [(&[&str], f64); 9] = [
     (&["fathom", "fathoms"], 1.8288),
 ];
 
-/// What files write in the place of a unit.
+/// Texts that name no unit.
 const NOTHING: [&str; 12] =
     ["", "1", "none", "unknown", "user x unit", "user y unit", "x", "y", "x units", "y units", "natural", "raw"];
 

@@ -26,7 +26,7 @@ pub(crate) struct Draft<'a> {
     pub(crate) values: Vec<f64>,
     /// Scale and offset from the stored values to those in `unit`.
     pub(crate) packing: [f64; 2],
-    /// Whether the first row is that of a raster whatever its latitude: masks in other files begin with it too.
+    /// Whether the first row in memory is the first row of the raster: masks in side files begin with it too.
     pub(crate) raster_rows: bool,
     /// Heights in the same order, where the file has them.
     pub(crate) heights: Option<Vec<f64>>,

@@ -2,7 +2,7 @@
 
 use super::plausible::number;
 
-/// Markers that programs write without a word in the header, in either sign: the largest single-precision number, Surfer's
+/// Markers that programs write and no header names, in either sign: the largest single-precision number, Surfer's
 /// blank, the default of NetCDF, Geosoft's dummy, the largest double-precision number.
 const DUMMIES: [f64; 5] = [f32::MAX as f64, 1.701_41e38, 9.969_209_968_386_869e36, 1e32, f64::MAX];
 

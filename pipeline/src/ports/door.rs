@@ -37,7 +37,7 @@ const MOST_KNOWN: usize = 1024;
 /// Connections that wait for a server to take them.
 const WAITING: usize = 16;
 
-/// What a port admits.
+/// Limits of a port.
 #[derive(Clone, Copy, Debug)]
 struct Limits {
     strangers: usize,
@@ -48,7 +48,7 @@ struct Limits {
 }
 
 impl Limits {
-    /// Those that so many file descriptors allow: half of them for connections.
+    /// Limits for a number of file descriptors: half of them are for connections.
     fn of(descriptors: usize) -> Limits {
         let strangers = (descriptors / 8).clamp(4, MOST_STRANGERS);
         let known = (descriptors * 3 / 8).clamp(4, MOST_KNOWN);

@@ -23,7 +23,7 @@ use crate::{
 /// The identifiers of a line, which every table and score names.
 const IDENTIFIERS: [&str; 2] = ["flight", "line"];
 
-/// What to do where restricted data would be published.
+/// The remedy where restricted data would be published.
 const HELP: &str = "publish tables that are not made from them row by row, such as scores and models; or say \
     `--include-restricted` if you may, and the data set will say so";
 

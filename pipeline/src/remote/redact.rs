@@ -2,7 +2,7 @@
 
 /// The longest text.
 const LONGEST: usize = 400;
-/// What is shown in place of a secret.
+/// The text in place of a secret.
 const HIDDEN: &str = "***";
 /// Shorter values are not looked for: they would be found in ordinary words.
 const SHORTEST: usize = 6;

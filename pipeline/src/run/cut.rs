@@ -28,7 +28,7 @@ pub struct Cut<'a> {
     pub kind: Key,
     /// Columns that are not made at every point: `tt` and what is carried.
     passed: Vec<String>,
-    /// Of scores the lines that were seen, for the column [`IN_SAMPLE`].
+    /// The lines that were seen, in a table of scores, for the column [`IN_SAMPLE`].
     seen: Option<Seen>,
 }
 

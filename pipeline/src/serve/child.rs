@@ -34,7 +34,7 @@ const FILE_THREADS: usize = 4;
 /// Memory of a query beside what its operators count, such as pieces on their way.
 pub const BESIDE: usize = 96 << 20;
 
-/// What a process is asked.
+/// A request to a process.
 #[derive(Serialize, Deserialize)]
 pub struct Question {
     /// The store's folder.
@@ -55,7 +55,7 @@ pub struct Question {
     pub rows: bool,
 }
 
-/// What is known of a query before its rows.
+/// The schema and notes of a query, before its rows.
 #[derive(Serialize, Deserialize)]
 pub struct Head {
     /// Its columns: an IPC stream in base64.
@@ -66,7 +66,7 @@ pub struct Head {
     pub pins: Pins,
 }
 
-/// What is wrong with a query.
+/// The error of a query.
 #[derive(Serialize, Deserialize)]
 pub struct Refusal {
     /// The message.
@@ -77,7 +77,7 @@ pub struct Refusal {
 
 /// A piece of an answer.
 pub enum Piece {
-    /// What is known before the rows.
+    /// The schema and notes, before the rows.
     Head(Head),
     /// Rows, as an IPC stream.
     Rows(Vec<u8>),
@@ -158,7 +158,7 @@ pub fn spelt(schema: &Schema, batch: Option<&RecordBatch>) -> Result<String, Arr
     Ok(BASE64_STANDARD.encode(packed(schema, batch)?))
 }
 
-/// What [`spelt`] wrote.
+/// Reads the text of [`spelt`].
 ///
 /// # Errors
 /// Fails when it is none.

@@ -159,7 +159,7 @@ fn small(root: &Path, found: &mut Scrubbed) -> Result<(), Fault> {
     Ok(())
 }
 
-/// What a folder contains, sorted.
+/// The entries of a folder, sorted.
 fn entries(folder: &Path) -> Vec<PathBuf> {
     let mut found: Vec<PathBuf> = fs::read_dir(folder).into_iter().flatten().flatten().map(|e| e.path()).collect();
     found.sort();

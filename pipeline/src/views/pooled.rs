@@ -249,7 +249,7 @@ impl Places {
 /// The values of an axis, or of axes that are searched together.
 struct Side {
     axes: Vec<Values>,
-    /// Of several axes: the position of each combination of positions.
+    /// Several axes: the position of each combination of positions.
     together: HashMap<Vec<usize>, usize>,
 }
 

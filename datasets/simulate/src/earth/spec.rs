@@ -127,7 +127,7 @@ params! {
     unit: Option<String>, unit "", absent "as the file says, else nT";
     /// Numbers that mark an unknown value.
     missing: Vec<Word>, unit "", default Vec::<Word>::new();
-    /// What is accepted although it looks impossible.
+    /// Checks that impossible values may fail.
     accept: Vec<Accept>, unit "", default Vec::<Accept>::new();
 }
 

@@ -61,7 +61,7 @@ pub struct Scheduler {
     /// How it and this program know each other.
     trust: Trust,
     channel: Channel,
-    /// What the connection lives on.
+    /// The runtime of the connection.
     runtime: Arc<Runtime>,
 }
 
@@ -219,7 +219,7 @@ impl Scheduler {
     }
 }
 
-/// What an error says, with its causes.
+/// The text of an error, with its causes.
 fn said(e: &dyn Error) -> String {
     let causes = std::iter::successors(e.source(), |&e| e.source()).map(ToString::to_string);
     let mut all: Vec<String> = std::iter::once(e.to_string()).chain(causes).collect();

@@ -78,7 +78,7 @@ const TRIES: usize = 3;
 const KEPT: Duration = Duration::from_secs(3600);
 const CLEANS_EVERY: Duration = Duration::from_secs(600);
 
-/// What an executor is to be.
+/// Settings of an executor.
 pub struct Executor {
     /// Its name.
     pub id: String,
@@ -127,7 +127,7 @@ fn general(what: String) -> BallistaError {
 }
 
 impl Executor {
-    /// Computes until the process is told to stop, the scheduler asks for it, or the scheduler is gone.
+    /// Computes until a signal or the scheduler stops it, or the scheduler is gone.
     ///
     /// # Errors
     /// Fails when the scheduler cannot be reached or does not take this executor, or a port cannot be served.
@@ -281,7 +281,7 @@ impl Tasks {
         };
         let (work, handle) = abortable(self.written(task));
         self.running().insert(key.clone(), handle);
-        // A panic of a task is caught by the runtime, and its end is told all the same.
+        // The runtime catches a panic of a task, and its end is reported all the same.
         let done = match tokio::spawn(work).await {
             Ok(Ok(done)) => done,
             Ok(Err(_)) => Err(BallistaError::Cancelled),

@@ -32,7 +32,7 @@ fn none<T>() -> Answer<T> {
 }
 
 impl Answers {
-    /// Of the tasks that write to a folder.
+    /// Service of the tasks that write to a folder.
     pub fn new(folder: &Path) -> Answers {
         Answers(BallistaFlightService::new(folder.display().to_string()))
     }

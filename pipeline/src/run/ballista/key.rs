@@ -38,7 +38,7 @@ pub enum Trust {
     Loopback,
 }
 
-/// What a member of a cluster shows.
+/// Identity of a member of a cluster.
 pub struct Key {
     /// The certificate, DER.
     certificate: Vec<u8>,
@@ -165,7 +165,7 @@ fn secret_of(file: &Path) -> Result<String, Fault> {
 }
 
 impl Key {
-    /// Of a secret.
+    /// Derives it from a secret.
     ///
     /// # Errors
     /// Fails when it is too short, or no word.

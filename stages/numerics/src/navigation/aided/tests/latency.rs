@@ -6,7 +6,7 @@ use crate::navigation::flights::{Flight, world};
 use crate::navigation::ins_error::{InsErrorModel, InsErrors};
 use crate::random::Normals;
 
-/// What a magnetometer measures whose stamps are `delay_s` late, with white noise of 2 nT.
+/// The measurement of a magnetometer whose stamps are `delay_s` late, with white noise of 2 nT.
 fn late_nt(flight: &Flight, delay_s: f64, seed: u64) -> Vec<f64> {
     let (world, columns) = (world(), &flight.truth.columns);
     let mut normals = Normals::new(seed);
