@@ -1,11 +1,15 @@
 //! The IAGA-2002 exchange format of magnetic observatories: a header of labelled lines that end in `|`, then one line
 //! per sample with date, time, day of the year and four components. [IAGA Division V, IAGA-2002 Data Exchange Format]
 
-use std::path::Path;
+use std::{mem::discriminant, path::Path};
 
 use numerics::earth::dates::{day_of_year, days_in_year};
 
-use super::{FlightFormat, observatory};
+use super::{
+    FlightFormat,
+    declination::{self, Sighting},
+    observatory,
+};
 use crate::ReadError;
 
 pub(super) const FORMAT: FlightFormat = FlightFormat {
@@ -51,6 +55,8 @@ pub struct ObservatoryRecord {
     pub ned_nt: Vec<[f64; 3]>,
     /// The total field in nT at each step, as the scalar magnetometer has it; NaN where it is missing.
     pub total_nt: Vec<f64>,
+    /// Notes for the user, such as the reason why north and east are unknown.
+    pub notes: Vec<String>,
 }
 
 impl ObservatoryRecord {
@@ -74,7 +80,7 @@ pub(super) enum Kind {
 }
 
 impl Kind {
-    /// That of columns with these letters; `None` where they do not form a vector.
+    /// The conversion of columns with these letters; `None` where they do not form a vector.
     pub(super) fn of(letters: &[char]) -> Option<Kind> {
         let columns = |wanted: [char; 3]| {
             let mut found = wanted.iter().filter_map(|w| letters.iter().position(|l| l == w));
@@ -111,17 +117,32 @@ impl Kind {
         }
     }
 
-    fn has_east(self) -> bool {
-        matches!(self, Kind::Hez(_))
+    /// The declination of a line's values without its baseline, in radians; `None` of a vector without the component D.
+    pub(super) fn own_declination_rad(self, values: &[f64]) -> Option<f64> {
+        let (Kind::Hdz([_, column, _]) | Kind::Dif([column, ..])) = self else { return None };
+        values.get(column).map(|arc| (arc / 60.0).to_radians())
+    }
+
+    /// Whether north and east depend on a baseline, where D, if there is one, is `relative` to it.
+    fn needs_baseline(self, relative: Option<bool>) -> bool {
+        match self {
+            Kind::Xyz(_) => false,
+            Kind::Hez(_) => true,
+            // Of unknown data, D may be either.
+            Kind::Hdz(_) | Kind::Dif(_) => relative != Some(false),
+        }
     }
 }
 
-/// The total field of a line's values, by the letters of its columns: F and S are measured, G is what the vector's
-/// magnitude has beyond it.
+/// The total field of a line's values, by the letters of its columns: S is measured; F too, unless there is S; G is the
+/// vector's magnitude minus the measured one, or minus the measured one alone where the vector is missing.
 pub(super) fn total_nt(letters: &[char], values: &[f64], ned_nt: &[f64; 3]) -> f64 {
+    /// No difference of two magnetometers, in nT.
+    const NO_DIFFERENCE: f64 = -10_000.0;
     let of = |wanted: char| letters.iter().position(|l| *l == wanted).and_then(|c| values.get(c)).copied();
-    let vector = || ned_nt.iter().map(|x| x * x).sum::<f64>().sqrt();
-    of('F').or_else(|| of('S')).or_else(|| of('G').map(|g| vector() - g)).unwrap_or(f64::NAN)
+    let vector = ned_nt.iter().map(|x| x * x).sum::<f64>().sqrt();
+    let by_difference = |g: f64| if vector.is_nan() && g < NO_DIFFERENCE { -g } else { vector - g };
+    of('S').or_else(|| of('F')).or_else(|| of('G').map(by_difference)).unwrap_or(f64::NAN)
 }
 
 /// A sample: its time in seconds past the first day's midnight; north, east, down and total in nT.
@@ -133,37 +154,43 @@ struct Head {
     lat_deg: f64,
     lon_deg: f64,
     msl_m: f64,
-    variation: bool,
+    /// Whether D is relative to a baseline; `None` of a data type that does not say so.
+    relative: Option<bool>,
     baseline_rad: Option<f64>,
+    /// The components that the header says are reported.
+    reported: String,
     kind: Option<(Kind, String)>,
 }
 
 /// Reads an IAGA-2002 file: samples a second, a minute or an hour apart, of one day or of days one after the other.
 ///
 /// Components may be XYZ, HDZ, HEZ or DIF, in any order, as well as a scalar. The baseline declination (`DECBAS`,
-/// tenths of minutes east) is the zero of D in data of the type `variation`, and the direction of H in HEZ. A
-/// sample that is missing, is marked as missing or lacks a component is NaN.
+/// tenths of minutes east) is the zero of D in data of the type `variation`, and the direction of H in HEZ; without it
+/// north and east are NaN there, with a note. A sample that is missing, is marked as missing or lacks a component is
+/// NaN.
 ///
 /// # Errors
-/// Fails for a file that is not an IAGA-2002 record, for a line that cannot be read, and for samples that are not at
-/// even times.
+/// Fails for a file that is not an IAGA-2002 record, for a line that cannot be read, for samples that are not at
+/// even times, and for a header that contradicts its columns or the IGRF by the factor of a unit.
 pub fn read_iaga2002(path: &Path) -> Result<ObservatoryRecord, ReadError> {
     let bytes = std::fs::read(path).map_err(|e| ReadError::io(path, &e))?;
     parse(path, &String::from_utf8_lossy(&bytes))
 }
 
-fn parse(path: &Path, text: &str) -> Result<ObservatoryRecord, ReadError> {
+pub(super) fn parse(path: &Path, text: &str) -> Result<ObservatoryRecord, ReadError> {
     let mut head = Head {
         station: String::new(),
         lat_deg: f64::NAN,
         lon_deg: f64::NAN,
         msl_m: f64::NAN,
-        variation: false,
+        relative: None,
         baseline_rad: None,
+        reported: String::new(),
         kind: None,
     };
     let mut samples: Vec<Sample> = vec![];
     let mut first_day = None;
+    let (mut unoriented, mut sighting) = (None, None);
     for (row, line) in text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty()) {
         if line.trim_end().ends_with('|') {
             head.read(path, line)?;
@@ -174,12 +201,25 @@ fn parse(path: &Path, text: &str) -> Result<ObservatoryRecord, ReadError> {
             return Err(ReadError::data(path, "not an IAGA-2002 record: it has no line `DATE TIME DOY ...`"));
         };
         let (date, values) = sample(line).ok_or_else(|| wrong("a date, a time or a component cannot be read"))?;
+        if values.len() != letters.len() {
+            return Err(wrong(&format!("there are {} values for the {} columns", values.len(), letters.len())));
+        }
         let (first_year, first_doy) = *first_day.get_or_insert((date.0, date.1));
         let days = days_between((first_year, first_doy), (date.0, date.1));
-        let baseline_rad = head.baseline_rad.filter(|_| head.variation || kind.has_east()).unwrap_or(0.0);
-        let ned_nt @ [north, east, down] = kind.ned_nt(&values, baseline_rad);
+        let baseline = head.baseline(*kind);
+        let baseline_rad = *baseline.as_ref().unwrap_or(&0.0);
+        let ned_nt @ [mut north, mut east, down] = kind.ned_nt(&values, baseline_rad);
         let letters: Vec<char> = letters.chars().collect();
         let total = total_nt(&letters, &values, &ned_nt);
+        if let Err(reason) = baseline {
+            (north, east) = (f64::NAN, f64::NAN);
+            unoriented.get_or_insert(reason);
+        } else if sighting.is_none() && ned_nt.iter().all(|x| x.is_finite()) {
+            let own_rad = kind.own_declination_rad(&values);
+            let unused_rad = head.baseline_rad.filter(|_| own_rad.is_some() && head.relative == Some(false));
+            sighting =
+                Some(Sighting { ned_nt, baseline_rad, own_rad, unused_rad, kind: *kind, date: (date.0, date.1) });
+        }
         samples.push((days as f64 * 86_400.0 + date.2, [north, east, down, total]));
     }
     let Some((date, (_, letters))) = first_day.zip(head.kind) else {
@@ -189,8 +229,23 @@ fn parse(path: &Path, text: &str) -> Result<ObservatoryRecord, ReadError> {
     let start_tt_s = samples.first().map_or(0.0, |s| s.0);
     let (ned_nt, total_nt) = values.into_iter().map(|[n, e, d, total]| ([n, e, d], total)).unzip();
     let Head { station, lat_deg, lon_deg, msl_m, .. } = head;
-    let components = letters;
-    Ok(ObservatoryRecord { station, lat_deg, lon_deg, msl_m, components, date, start_tt_s, step_s, ned_nt, total_nt })
+    let mut record = ObservatoryRecord {
+        station,
+        lat_deg,
+        lon_deg,
+        msl_m,
+        components: letters,
+        date,
+        start_tt_s,
+        step_s,
+        ned_nt,
+        total_nt,
+        notes: unoriented.into_iter().collect(),
+    };
+    if let Some(sighting) = sighting {
+        declination::check(path, &mut record, &sighting)?;
+    }
+    Ok(record)
 }
 
 impl Head {
@@ -202,6 +257,10 @@ impl Head {
         };
         let number = |text: &str| text.split_whitespace().next().and_then(|t| t.parse::<f64>().ok());
         if let Some(code) = value_of("IAGA CODE") {
+            if !self.station.is_empty() && self.station != code {
+                let what = format!("holds the station {} and the station {code}", self.station);
+                return Err(ReadError::data(path, what).help("put each station into a file of its own"));
+            }
             self.station = code.to_owned();
         } else if let Some(lat) = value_of("Geodetic Latitude") {
             self.lat_deg = number(lat).unwrap_or(f64::NAN);
@@ -211,20 +270,76 @@ impl Head {
             // What marks a missing value is no height.
             self.msl_m = number(elevation).filter(|m| m.abs() < 9_999.0).unwrap_or(f64::NAN);
         } else if let Some(kind) = value_of("Data Type") {
-            self.variation = kind.eq_ignore_ascii_case("variation");
-        } else if let Some(tenths) = value_of("# DECBAS") {
-            self.baseline_rad = number(tenths).map(|t| (t / 600.0).to_radians());
+            self.relative = is_relative(kind);
+        } else if let Some(components) = value_of("Reported") {
+            self.reported = components.to_ascii_uppercase();
+        } else if let Some(tenths) = value_of("#").and_then(declination::baseline_of) {
+            self.baseline_rad = number(tenths).filter(|t| t.abs() < MISSING).map(|t| (t / 600.0).to_radians());
         } else if value_of("DATE").is_some_and(|rest| rest.trim_start().starts_with("TIME")) {
             let names: Vec<&str> = line.split_whitespace().skip(3).collect();
-            let letters: Vec<char> = names.iter().filter_map(|n| n.chars().last()).collect();
+            let letters: Vec<char> =
+                names.iter().filter_map(|n| n.chars().last()).map(|l| l.to_ascii_uppercase()).collect();
             let text: String = letters.iter().collect();
             let kind = Kind::of(&letters).ok_or_else(|| {
                 let what = format!("the components {text} do not form a vector");
                 ReadError::data(path, what).help("a record needs XYZ, HDZ, HEZ or DIF")
             })?;
+            let reported = Kind::of(&self.reported.chars().collect::<Vec<char>>());
+            if reported.is_some_and(|said| discriminant(&said) != discriminant(&kind)) {
+                let what = format!("`Reported` is {}, but the columns are {}", self.reported, names.join(", "));
+                return Err(ReadError::data(path, what).help("correct the one of the two that is wrong"));
+            }
             self.kind = Some((kind, text));
         }
         Ok(())
+    }
+
+    /// The baseline to add to the declination, in radians.
+    ///
+    /// # Errors
+    /// The note for the user, where north and east need a baseline that the header does not give.
+    fn baseline(&self, kind: Kind) -> Result<f64, String> {
+        if !kind.needs_baseline(self.relative) {
+            return Ok(0.0);
+        }
+        let (what, remedy) = match (kind, self.baseline_rad, self.relative) {
+            (Kind::Hez(_), Some(baseline), _) | (_, Some(baseline), Some(_)) => return Ok(baseline),
+            (Kind::Hez(_), None, _) => (
+                "H and E are relative to a direction that the file does not give",
+                "add the declination of H to the header, as `# DECBAS <tenths of minutes of arc, east>`",
+            ),
+            (_, None, _) => (
+                "D is relative to a direction that the file does not give",
+                "add the zero of D to the header, as `# DECBAS <tenths of minutes of arc, east>`; \
+                 `# DECBAS 0` where D is the whole declination",
+            ),
+            (_, Some(_), None) => (
+                "D may be relative to `DECBAS` or the whole declination",
+                "give the `Data Type` in the header: `variation` where D is relative, `definitive` where it is not",
+            ),
+        };
+        Err(format!("{what}: `field_n` and `field_e` are unknown; {remedy}"))
+    }
+}
+
+/// Whether D of a data type is relative to a baseline; `None` of an unknown type.
+fn is_relative(data_type: &str) -> Option<bool> {
+    const TYPES: [(&str, bool); 9] = [
+        ("var", true),
+        ("rep", true),
+        ("raw", true),
+        ("def", false),
+        ("quasi", false),
+        ("prov", false),
+        ("adj", false),
+        ("abs", false),
+        ("final", false),
+    ];
+    let lower = data_type.to_ascii_lowercase();
+    match lower.as_str() {
+        "v" | "r" => Some(true),
+        "d" | "q" | "p" | "a" => Some(false),
+        _ => TYPES.iter().find(|(start, _)| lower.starts_with(start)).map(|(_, relative)| *relative),
     }
 }
 
@@ -253,15 +368,22 @@ pub(super) fn days_between(from: (i32, u32), to: (i32, u32)) -> i64 {
 /// # Errors
 /// Fails for samples that do not ascend in time, or are not at even times.
 pub(super) fn even(path: &Path, samples: &[Sample]) -> Result<(f64, Vec<[f64; 4]>), ReadError> {
-    const MOST: f64 = 4e7;
+    /// Steps that every record may have: a month of seconds.
+    const FREE: f64 = 3e6;
+    /// Steps to a sample beyond that: the others are gaps.
+    const MOST: f64 = 256.0;
     let step_s = samples.windows(2).map(|pair| pair[1].0 - pair[0].0).fold(f64::INFINITY, f64::min);
     let (Some(first), Some(last)) = (samples.first(), samples.last()) else { return Ok((1.0, vec![])) };
     if samples.len() == 1 {
         return Ok((1.0, vec![first.1]));
     }
     let steps = (last.0 - first.0) / step_s;
-    if !(step_s > 0.0 && steps < MOST) {
-        return Err(ReadError::data(path, "the samples of the record do not ascend in time, or are years apart"));
+    if !(step_s > 0.0) {
+        return Err(ReadError::data(path, "the samples of the record do not ascend in time"));
+    }
+    if steps > FREE.max(MOST * samples.len() as f64) {
+        let what = format!("the record has {} samples in {steps:.0} steps of {step_s} s", samples.len());
+        return Err(ReadError::data(path, what).help("split it where a gap is long"));
     }
     let mut out = vec![[f64::NAN; 4]; steps.round() as usize + 1];
     for (tt_s, values) in samples {

@@ -7,6 +7,7 @@ use numerics::earth::dates::day_of_year;
 
 use super::{
     FlightFormat,
+    declination::{self, Sighting},
     iaga2002::{Kind, ObservatoryRecord, Sample, days_between, even, total_nt},
     observatory,
 };
@@ -82,9 +83,10 @@ pub fn read_imf(path: &Path) -> Result<ObservatoryRecord, ReadError> {
     parse(path, &String::from_utf8_lossy(&bytes))
 }
 
-fn parse(path: &Path, text: &str) -> Result<ObservatoryRecord, ReadError> {
+pub(super) fn parse(path: &Path, text: &str) -> Result<ObservatoryRecord, ReadError> {
     let mut samples: Vec<Sample> = vec![];
     let mut first: Option<Block> = None;
+    let mut sighting = None;
     let mut lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
     while let Some((row, line)) = lines.next() {
         let wrong = |row: usize, what: &str| ReadError::data(path, format!("{what} in line {}", row + 1));
@@ -109,6 +111,11 @@ fn parse(path: &Path, text: &str) -> Result<ObservatoryRecord, ReadError> {
                 let scaled: Vec<f64> = digits.iter().zip(&block.letters).map(|(x, l)| in_unit(*x, *l)).collect();
                 let ned_nt @ [north, east, down] = kind.ned_nt(&scaled, baseline_rad);
                 let total = total_nt(&block.letters, &scaled, &ned_nt);
+                if sighting.is_none() && ned_nt.iter().all(|x| x.is_finite()) {
+                    let own_rad = kind.own_declination_rad(&scaled);
+                    let date = (block.year, block.doy);
+                    sighting = Some(Sighting { ned_nt, baseline_rad, own_rad, unused_rad: None, kind, date });
+                }
                 samples.push((hour_s + 60.0 * (2 * pair + minute) as f64, [north, east, down, total]));
             }
         }
@@ -117,7 +124,7 @@ fn parse(path: &Path, text: &str) -> Result<ObservatoryRecord, ReadError> {
     let block = first.ok_or_else(|| ReadError::data(path, "the IMF record has no samples"))?;
     let (step_s, values) = even(path, &samples)?;
     let (ned_nt, total_nt) = values.into_iter().map(|[n, e, d, total]| ([n, e, d], total)).unzip();
-    Ok(ObservatoryRecord {
+    let mut record = ObservatoryRecord {
         station: block.station,
         lat_deg: block.lat_deg,
         lon_deg: block.lon_deg,
@@ -128,7 +135,12 @@ fn parse(path: &Path, text: &str) -> Result<ObservatoryRecord, ReadError> {
         step_s,
         ned_nt,
         total_nt,
-    })
+        notes: vec![],
+    };
+    if let Some(sighting) = sighting {
+        declination::check(path, &mut record, &sighting)?;
+    }
+    Ok(record)
 }
 
 /// The eight values of two minutes.

@@ -22,6 +22,7 @@ mod adopt;
 mod csv;
 mod dataflash;
 mod decimal;
+mod declination;
 mod foreign;
 mod geosoft_xyz;
 mod geotiff_band;

@@ -70,7 +70,8 @@ pub(super) fn raw(path: &Path, record: &ObservatoryRecord) -> Result<Raw, ReadEr
     let (fields, arrays): (Vec<Field>, Vec<ArrayRef>) = columns.into_iter().unzip();
     let schema = Arc::new(Schema::new(fields));
     let batch = RecordBatch::try_new(schema.clone(), arrays).map_err(|e| ReadError::data(path, e.to_string()))?;
-    Ok(Raw::new(schema, Box::new(std::iter::once(Ok(Part::whole(batch))))))
+    let notes = record.notes.iter().map(|note| format!("{}: {note}", path.display())).collect();
+    Ok(Raw { notes, ..Raw::new(schema, Box::new(std::iter::once(Ok(Part::whole(batch))))) })
 }
 
 /// The day of a sample.
@@ -132,6 +133,7 @@ mod tests {
             step_s: 3600.0,
             ned_nt: vec![[1.0, f64::NAN, 3.0]; rows],
             total_nt: (0..rows).map(|k| k as f64).collect(),
+            notes: vec![],
         }
     }
 

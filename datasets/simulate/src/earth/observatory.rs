@@ -33,6 +33,9 @@ impl Observatory {
         if chosen.is_empty() {
             let what = if quiet_base { "has no value in its first three hours of local day" } else { "has no value" };
             let error = ReadError::data(path, format!("the record {what}"));
+            if let Some(note) = record.notes.first() {
+                return Err(error.help(note.clone()));
+            }
             return Err(if quiet_base {
                 error.help("use the mean as the base: `observatory_base = \"mean\"`")
             } else {
