@@ -1,7 +1,7 @@
 //! Settles names, units and keys: those that the options give, those that names imply, and the flight and line that a
 //! file lacks.
 
-use std::{path::Path, sync::Arc};
+use std::{collections::HashSet, path::Path, sync::Arc};
 
 use arrow_array::{ArrayRef, RecordBatch, StringArray};
 use arrow_schema::{DataType, Field, Schema};
@@ -131,10 +131,9 @@ pub(super) fn adopt(path: &Path, raw: Raw, options: &FlightOptions) -> Result<Ra
         field(name, DataType::Utf8, known.unit, known.role, known.description)
     });
     fields.splice(0..0, front);
-    for (i, one) in fields.iter().enumerate() {
-        if fields.iter().take(i).any(|f| f.name() == one.name()) {
-            return Err(ReadError::options(path, "two columns would have this name").in_column(one.name()));
-        }
+    let mut names = HashSet::new();
+    if let Some(twice) = fields.iter().find(|f| !names.insert(f.name().as_str())) {
+        return Err(ReadError::options(path, "two columns would have this name").in_column(twice.name()));
     }
     let schema = Arc::new(Schema::new(fields));
     let (to, path) = (schema.clone(), path.to_path_buf());

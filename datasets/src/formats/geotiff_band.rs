@@ -13,11 +13,8 @@ use tiff::{
     tags::Tag,
 };
 
-use super::{grid_bytes::bytes_of, guarded, tiff_directories::directories};
+use super::{grid_bytes::bytes_of, guarded, limits::Limit, tiff_directories::directories};
 use crate::{ReadError, grid::is_marker};
-
-/// The largest expansion factor of a TIFF compression.
-const MOST_INFLATION: u64 = 1100;
 
 pub(super) type Reader = Decoder<BufReader<File>>;
 
@@ -34,7 +31,7 @@ pub(super) fn decoder(path: &Path) -> Result<Reader, ReadError> {
 /// A damaged size must not exhaust memory: a size that the file cannot hold is rejected.
 fn limited<R: Read + Seek>(path: &Path, from: R, bytes: u64) -> Result<Decoder<R>, ReadError> {
     let mut limits = Limits::default();
-    let most = usize::try_from(bytes.saturating_mul(MOST_INFLATION).max(1 << 20)).unwrap_or(usize::MAX);
+    let most = Limit::new(bytes).most_here();
     limits.decoding_buffer_size = most;
     limits.intermediate_buffer_size = most;
     limits.ifd_value_size = most.min(1 << 28);

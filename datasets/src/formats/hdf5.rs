@@ -1,10 +1,11 @@
 //! Access to HDF5 files, with every damage as an error; shared by the flight and map readers.
 
 use std::{
+    collections::BTreeMap,
     fs::File,
     ops::Range,
     path::{Path, PathBuf},
-    sync::Arc,
+    sync::{Arc, Mutex, PoisonError},
 };
 
 use hdf5_reader::{
@@ -12,18 +13,18 @@ use hdf5_reader::{
     group::Group,
     storage::{DynStorage, FileStorage},
 };
+use netcdf_reader::NcType;
 
 use super::{
     guarded,
     hdf5_early::{Early, bytes, early},
+    limits::Limit,
+    netcdf_values::{ATTRIBUTES, Attribute, Storage},
 };
 use crate::ReadError;
 
 /// What every HDF5 file starts with.
 pub(super) const MAGIC: &[u8] = b"\x89HDF\r\n\x1a\n";
-
-/// The largest number of values per deflated byte: a larger data set indicates a damaged header.
-const MOST_INFLATION: u64 = 1032;
 
 /// An HDF5 file with data sets at its root.
 pub(super) struct Hdf5 {
@@ -31,14 +32,17 @@ pub(super) struct Hdf5 {
     root: Group,
     names: Vec<String>,
     groups: Vec<String>,
-    bytes: u64,
+    limit: Arc<Limit>,
+    /// Whether NetCDF wrote the file, whose default fill values are then missing ones.
+    netcdf: bool,
+    notes: Arc<Mutex<Vec<String>>>,
     /// Where the HDF5 data begin in the file.
     base: u64,
 }
 
-/// What the macro `$numbers` makes of the Rust type of a data type's numbers; an error of `$of` for what is no number.
-macro_rules! of_type {
-    ($of:expr, $kind:expr, $numbers:ident) => {
+/// The result of the macro `$numbers` for the Rust type of a data type's numbers; `$otherwise` for another data type.
+macro_rules! of_kind {
+    ($kind:expr, $numbers:ident, $otherwise:expr) => {
         match $kind {
             Datatype::FloatingPoint { size: 8, .. } => $numbers!(f64),
             Datatype::FloatingPoint { size: 4, .. } => $numbers!(f32),
@@ -50,7 +54,7 @@ macro_rules! of_type {
             Datatype::FixedPoint { size: 2, signed: false, .. } => $numbers!(u16),
             Datatype::FixedPoint { size: 4, signed: false, .. } => $numbers!(u32),
             Datatype::FixedPoint { size: 8, signed: false, .. } => $numbers!(u64),
-            other => return Err($of.damaged(&format!("holds {other:?}, not numbers"))),
+            _ => $otherwise,
         }
     };
 }
@@ -62,7 +66,11 @@ impl Hdf5 {
         let (root, groups, names, base) = guarded(path, || {
             // Plain reads, not a memory map: a file cut short while it is read is then an error.
             let storage: DynStorage = Arc::new(FileStorage::open(path).map_err(|e| damaged(path, &e))?);
-            let options = OpenOptions::default().with_max_object_header_bytes(1 << 24);
+            let most = Limit::new(bytes).most_here();
+            let options = OpenOptions::default()
+                .with_max_object_header_bytes(1 << 24)
+                .with_max_chunk_bytes(most)
+                .with_max_read_bytes(most);
             let file = Hdf5File::from_storage_with_options(storage, options).map_err(|e| damaged(path, &e))?;
             // Counted from the start of the file, a block of the user's before the data included.
             let declared = file.superblock().eof_address;
@@ -76,7 +84,15 @@ impl Hdf5 {
             let (groups, names) = members(path, &root)?;
             Ok((root, groups, names, file.superblock().base_address))
         })?;
-        Ok(Hdf5 { path: path.to_path_buf(), root, names, groups, bytes, base })
+        let (limit, notes) = (Arc::new(Limit::new(bytes)), Arc::default());
+        let mut file = Hdf5 { path: path.to_path_buf(), root, names, groups, limit, netcdf: false, notes, base };
+        file.netcdf = file.has_attribute("_NCProperties");
+        Ok(file)
+    }
+
+    /// Notes for the user on the values that were read.
+    pub(super) fn notes(&self) -> Vec<String> {
+        self.notes.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
     /// Whether the root has an attribute.
@@ -92,13 +108,14 @@ impl Hdf5 {
 
     /// The group `name`, as the root of its members.
     pub(super) fn group(&self, name: &str) -> Result<Hdf5, ReadError> {
-        let (path, bytes) = (&self.path, self.bytes);
+        let path = &self.path;
         let (root, groups, names) = guarded(path, || {
             let root = self.root.group(name).map_err(|e| damaged(path, &e).in_column(name))?;
             let (groups, names) = members(path, &root)?;
             Ok((root, groups, names))
         })?;
-        Ok(Hdf5 { path: path.clone(), root, names, groups, bytes, base: self.base })
+        let (limit, notes) = (self.limit.clone(), self.notes.clone());
+        Ok(Hdf5 { path: path.clone(), root, names, groups, limit, netcdf: self.netcdf, notes, base: self.base })
     }
 
     /// The data sets at the root, sorted.
@@ -121,14 +138,13 @@ impl Hdf5 {
             let set = self.root.dataset(name).map_err(|e| damaged(&self.path, &e).in_column(name))?;
             let early = early(&self.path, self.base, set.address());
             let (path, shape) = (self.path.clone(), set.shape().to_vec());
-            let values = Values { path, name: name.to_owned(), shape, set, early };
-            // A shape that multiplies past 64 bits is as invalid as one that is too large for the file.
-            let count = values.shape.iter().try_fold(1u64, |n, d| n.checked_mul(*d));
-            let most = self.bytes.saturating_mul(MOST_INFLATION);
-            match count.filter(|n| *n <= most) {
-                Some(_) => Ok(values),
-                None => Err(values.damaged("its shape does not fit the size of the file")),
-            }
+            let count = shape.iter().try_fold(1u64, |n, d| n.checked_mul(*d));
+            // Numbers become Float64.
+            let bytes = count.and_then(|n| n.checked_mul(8));
+            let part = format!("{name} {}", set.address());
+            self.limit.check_part(&path, &part, bytes).map_err(|e| e.in_column(name))?;
+            let storage = storage(&path, name, &set, self.netcdf)?;
+            Ok(Values { path, name: name.to_owned(), shape, set, early, storage, notes: self.notes.clone() })
         })
     }
 }
@@ -150,6 +166,58 @@ pub(super) struct Values {
     set: Dataset,
     /// Where the values are in a layout that the reader does not know.
     early: Option<Early>,
+    /// The conversion of the stored numbers, where attributes describe one.
+    storage: Option<Storage>,
+    notes: Arc<Mutex<Vec<String>>>,
+}
+
+/// The storage of a data set of numbers; `None` where they are the values.
+fn storage(path: &Path, name: &str, set: &Dataset, netcdf: bool) -> Result<Option<Storage>, ReadError> {
+    let Some(kind) = kind_of(set.dtype()) else { return Ok(None) };
+    let (all, mut found) = (set.attributes(), BTreeMap::new());
+    for known in ATTRIBUTES {
+        let Some(attribute) = all.iter().find(|a| a.name == known) else { continue };
+        let real = matches!(attribute.datatype, Datatype::FloatingPoint { .. });
+        let read = if kind_of(&attribute.datatype).is_some() {
+            numbers_of(attribute).map(|numbers| Attribute::Numbers(numbers, real))
+        } else {
+            attribute.read_string().ok().map(|text| Attribute::Text(text.trim_end_matches('\0').to_owned()))
+        };
+        let read = read
+            .ok_or_else(|| ReadError::data(path, format!("the attribute `{known}` cannot be read")).in_column(name))?;
+        found.insert(known.to_owned(), read);
+    }
+    if found.is_empty() && !netcdf {
+        return Ok(None);
+    }
+    Storage::of(path, name, kind, &found, netcdf).map(Some)
+}
+
+/// The numbers of an attribute.
+fn numbers_of(attribute: &hdf5_reader::Attribute) -> Option<Vec<f64>> {
+    macro_rules! numbers {
+        ($t:ty) => {
+            attribute.read_1d::<$t>().ok()?.into_iter().map(|x| x as f64).collect()
+        };
+    }
+    Some(of_kind!(&attribute.datatype, numbers, return None))
+}
+
+/// The type of numbers as NetCDF names it; `None` of what is no number.
+fn kind_of(of: &Datatype) -> Option<NcType> {
+    Some(match of {
+        Datatype::FloatingPoint { size: 8, .. } => NcType::Double,
+        Datatype::FloatingPoint { size: 4, .. } => NcType::Float,
+        Datatype::FixedPoint { size: 1, signed: true, .. } => NcType::Byte,
+        Datatype::FixedPoint { size: 2, signed: true, .. } => NcType::Short,
+        Datatype::FixedPoint { size: 4, signed: true, .. } => NcType::Int,
+        Datatype::FixedPoint { size: 8, signed: true, .. } => NcType::Int64,
+        Datatype::FixedPoint { size: 1, signed: false, .. } => NcType::UByte,
+        Datatype::FixedPoint { size: 2, signed: false, .. } => NcType::UShort,
+        Datatype::FixedPoint { size: 4, signed: false, .. } => NcType::UInt,
+        Datatype::FixedPoint { size: 8, signed: false, .. } => NcType::UInt64,
+        _ => return None,
+    })
 }
 
 impl Values {
@@ -190,6 +258,18 @@ impl Values {
     }
 
     fn read(&self, rows: Option<Range<u64>>) -> Result<Vec<f64>, ReadError> {
+        let stored = self.read_stored(rows)?;
+        let Some(storage) = &self.storage else { return Ok(stored) };
+        let mut notes = vec![];
+        let known = storage.known(stored.into_iter(), &mut notes);
+        let notes = notes.into_iter().map(|note| format!("`{}`: {note}", self.name));
+        self.notes.lock().unwrap_or_else(PoisonError::into_inner).extend(notes);
+        let [scale, offset] = storage.packing;
+        Ok(known.into_iter().map(|v| v * scale + offset).collect())
+    }
+
+    /// The numbers as they are stored.
+    fn read_stored(&self, rows: Option<Range<u64>>) -> Result<Vec<f64>, ReadError> {
         if self.shape.contains(&0) {
             return Ok(vec![]);
         }
@@ -215,7 +295,7 @@ impl Values {
         let kind = self.set.dtype();
         let (Datatype::FloatingPoint { size, byte_order } | Datatype::FixedPoint { size, byte_order, .. }) = kind
         else {
-            return Err(self.damaged(&format!("holds {kind:?}, not numbers")));
+            return Err(self.not_numbers());
         };
         let a_row = self.shape.iter().skip(1).product::<u64>();
         let all = self.shape.first().copied().unwrap_or(1);
@@ -239,7 +319,7 @@ impl Values {
                     .collect()
             };
         }
-        Ok(of_type!(self, kind, numbers))
+        Ok(of_kind!(kind, numbers, return Err(self.not_numbers())))
     }
 
     fn read_numbers(&self, slice: &SliceInfo) -> Result<Vec<f64>, ReadError> {
@@ -250,7 +330,11 @@ impl Values {
                 array.map_err(|e| self.damaged(&e.to_string()))?.iter().map(|x| *x as f64).collect()
             }};
         }
-        Ok(of_type!(self, self.set.dtype(), numbers))
+        Ok(of_kind!(self.set.dtype(), numbers, return Err(self.not_numbers())))
+    }
+
+    fn not_numbers(&self) -> ReadError {
+        self.damaged(&format!("holds {:?}, not numbers", self.set.dtype()))
     }
 
     /// An error about this data set.

@@ -73,7 +73,8 @@ fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadEr
     refuse_radians(path, &table)?;
     let (table, faults) = magnav::finish(path, table, options)?;
     let (schema, batch) = (table.schema(), table.into_batch(path)?);
-    Ok(Raw { own: Some(own), ..Raw::new(schema, Box::new(std::iter::once(Ok(Part { batch, faults })))) })
+    let notes = file.notes().into_iter().map(|note| format!("{}: {note}", path.display())).collect();
+    Ok(Raw { own: Some(own), notes, ..Raw::new(schema, Box::new(std::iter::once(Ok(Part { batch, faults })))) })
 }
 
 /// Roll, pitch and yaw from the direction cosines. Julia stores columns first, so that the 3 x 3 x N

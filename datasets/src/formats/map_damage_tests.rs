@@ -3,7 +3,7 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
-use std::{fs, path::PathBuf};
+use std::{fs, panic::catch_unwind, path::PathBuf};
 
 use tempfile::TempDir;
 

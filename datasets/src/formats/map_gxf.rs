@@ -8,6 +8,7 @@ use std::{collections::BTreeMap, io::Write, path::Path};
 use super::{
     Head, MapFormat, MapOptions,
     grid_bytes::{level_m, nodes, numbers, range, text_of, write_rows},
+    limits::Limit,
     map_esri::unused,
     output::Outputs,
 };
@@ -30,10 +31,6 @@ pub(super) const FORMAT: MapFormat = MapFormat {
     write: Some(write),
 };
 
-/// A run packs a row of unknown nodes into nine characters; a file that declares more nodes than this per character
-/// is damaged.
-const MOST_INFLATION: u64 = 10_000;
-
 /// The labels and their values; every label is known by its first four letters.
 struct Objects<'a> {
     path: &'a Path,
@@ -47,7 +44,9 @@ fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
         return Err(ReadError::data(path, "the grid is rotated").help("warp it to a north-up grid first"));
     }
     let packed = objects.number("GTYP", 0.0)? as usize;
-    let bytes = (text.len() as u64 + 1).saturating_mul(if packed == 0 { 1 } else { MOST_INFLATION });
+    let bytes = text.len() as u64 + 1;
+    // A run of a packed grid has any length.
+    let bytes = if packed == 0 { bytes } else { Limit::new(bytes).most() / 8 };
     let (points, lines) = (objects.number("POIN", f64::NAN)?, objects.number("ROWS", f64::NAN)?);
     let (points, lines) = nodes(path, points as i64, lines as i64, if packed == 0 { 2 } else { 1 }, bytes)?;
     let values = match packed {

@@ -43,6 +43,7 @@ fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     }
     let mut draft = Draft::new(path, x, y, values, System::Degrees);
     draft.notes.push(NOTE.to_owned());
+    draft.notes.extend(file.notes());
     let alt = file.need("alt")?;
     if options.alt_m.is_some() {
         return draft.finish(options);

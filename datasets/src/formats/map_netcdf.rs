@@ -10,6 +10,7 @@ use super::{
     Head, MapFormat, MapOptions,
     grid_bytes::bytes_of,
     guarded, hdf5,
+    limits::Limit,
     map_parquet::{EASTINGS, LATITUDES, LONGITUDES, NORTHINGS},
     netcdf_values::Storage,
     netcdf_write,
@@ -34,9 +35,6 @@ pub(super) const FORMAT: MapFormat = MapFormat {
     write: Some(netcdf_write::write),
 };
 
-/// The largest expansion factor of the supported compressions.
-const MOST_INFLATION: u64 = 1032;
-
 /// Names of the grid, where there are several variables of two dimensions.
 const GRIDS: [&str; 9] =
     ["z", "anomaly", "magnetic_anomaly", "total_field_anomaly", "tmi", "mag", "map", "band1", "anomaly_nt"];
@@ -52,7 +50,7 @@ fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     }
     let draft = guarded(path, || {
         let size = bytes.len() as u64;
-        let most = usize::try_from(size.saturating_mul(MOST_INFLATION)).unwrap_or(usize::MAX).max(1 << 20);
+        let most = Limit::new(size).most_here();
         let limits = NcOpenOptions {
             metadata_mode: NcMetadataMode::Lossy,
             max_chunk_bytes: most,
@@ -99,7 +97,7 @@ impl<'p, 'a> Grid<'p, 'a> {
         let wrong = |what: &str| ReadError::data(self.path, what).in_column(variable.name());
         let count = variable.shape().iter().try_fold(1_u64, |n, d| n.checked_mul(*d));
         let size = variable.dtype().size().map_err(|_| wrong("holds no numbers"))? as u64;
-        let most = if self.classic { self.bytes } else { self.bytes.saturating_mul(MOST_INFLATION) };
+        let most = if self.classic { self.bytes } else { Limit::new(self.bytes).most() };
         if count.and_then(|n| n.checked_mul(size)).is_none_or(|n| n > most) {
             return Err(wrong("its shape does not fit the size of the file"));
         }
@@ -109,12 +107,12 @@ impl<'p, 'a> Grid<'p, 'a> {
 
     /// The numbers of coordinates.
     fn numbers(&self, variable: &NcVariable) -> Result<Vec<f64>, ReadError> {
-        Ok(Storage::of(self.path, variable)?.unpacked(self.stored(variable)?))
+        Ok(Storage::of_variable(self.path, variable)?.unpacked(self.stored(variable)?))
     }
 
     /// The numbers of the map as they are stored, NaN where unknown, with their scale and offset.
     fn values(&self, map: &NcVariable, notes: &mut Vec<String>) -> Result<(Vec<f64>, [f64; 2]), ReadError> {
-        let storage = Storage::of(self.path, map)?;
+        let storage = Storage::of_variable(self.path, map)?;
         Ok((storage.known(self.stored(map)?, notes), storage.packing))
     }
 

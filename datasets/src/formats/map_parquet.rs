@@ -13,7 +13,7 @@ use arrow_cast::cast;
 use arrow_schema::{ArrowError, DataType, Field, Schema, SchemaRef};
 use schemas::{Role, field, map::ERROR};
 
-use super::{Head, MapFormat, MapOptions, guarded, output::Outputs, parquet};
+use super::{Head, MapFormat, MapOptions, output::Outputs, parquet};
 use crate::{
     ReadError,
     grid::{AxisUnit, Draft, System, from_nodes, split_unit},
@@ -40,12 +40,13 @@ pub(super) const ANOMALIES: &[&str] = &["anomaly", "anomaly_nt", "total_field_an
 
 /// Whether a map's file gives the error of each node; `false` of a file that cannot be read.
 pub(super) fn gives_error(path: &Path) -> bool {
-    path.is_file() && parquet::builder(path).is_ok_and(|builder| builder.schema().field_with_name(ERROR).is_ok())
+    path.is_file() && parquet::Open::new(path).is_ok_and(|open| open.schema.field_with_name(ERROR).is_ok())
 }
 
 fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
-    let builder = parquet::builder(path)?;
-    let names: Vec<String> = builder.schema().fields().iter().map(|f| f.name().clone()).collect();
+    let file = parquet::Open::new(path)?;
+    let schema = file.schema.clone();
+    let names: Vec<String> = schema.fields().iter().map(|f| f.name().clone()).collect();
     let exact = |kinds: &[&str]| names.iter().find(|n| kinds.contains(&n.as_str())).cloned();
     let ends_in_unit = |kinds: &[&str]| kinds == EASTINGS || kinds == NORTHINGS;
     let known = |kinds: &[&str]| {
@@ -60,18 +61,14 @@ fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     let anomaly = need(ANOMALIES)?;
     let projected = known(LATITUDES).is_none() && known(EASTINGS).is_some();
     let (x, y) = if projected { (need(EASTINGS)?, need(NORTHINGS)?) } else { (need(LONGITUDES)?, need(LATITUDES)?) };
-    let unit = builder.schema().field_with_name(&anomaly).ok().and_then(|f| f.metadata().get("unit").cloned());
-    let code = builder.schema().field_with_name(&x).ok().and_then(|f| f.metadata().get("epsg")?.parse().ok());
-    let said = |name: &str, key: &str| builder.schema().field_with_name(name).ok()?.metadata().get(key).cloned();
+    let unit = schema.field_with_name(&anomaly).ok().and_then(|f| f.metadata().get("unit").cloned());
+    let code = schema.field_with_name(&x).ok().and_then(|f| f.metadata().get("epsg")?.parse().ok());
+    let said = |name: &str, key: &str| schema.field_with_name(name).ok()?.metadata().get(key).cloned();
     let units = [said(&x, "unit"), said(&y, "unit")];
     let axis_unit = axis_unit(path, [&x, &y], units.each_ref().map(Option::as_deref))?;
     let packing = ["scale_factor", "add_offset"].map(|key| said(&anomaly, key));
     let alt_unit = known(HEIGHTS).and_then(|name| said(&name, "unit").or_else(|| Some(split_unit(&name).1.to_owned())));
-    let batches: Vec<RecordBatch> = guarded(path, || {
-        let reader = builder.with_batch_size(65_536).build();
-        let reader = reader.map_err(|e| parquet::damaged(path, &e.to_string()))?;
-        reader.collect::<Result<_, _>>().map_err(|e| parquet::damaged(path, &e.to_string()))
-    })?;
+    let batches: Vec<RecordBatch> = file.batches(path)?.collect::<Result<_, _>>()?;
     let made = of_stage(path, &names, &batches)?;
     let (x, y, code, axis_unit) = match made {
         Some(made) if made != WGS84 => ("easting".to_owned(), "northing".to_owned(), Some(made), None),

@@ -7,7 +7,6 @@ use std::{
     collections::BTreeMap,
     fs::File,
     io::Read,
-    panic::{AssertUnwindSafe, catch_unwind},
     path::{Path, PathBuf},
 };
 
@@ -29,10 +28,12 @@ mod geotiff_band;
 mod geotiff_keys;
 mod geotiff_metadata;
 mod grid_bytes;
+mod guarded;
 mod hdf5;
 mod hdf5_early;
 mod iaga2002;
 mod imf;
+mod limits;
 mod magnav;
 mod magnav_csv;
 mod magnav_hdf5;
@@ -75,6 +76,7 @@ mod ulog;
 mod unit_name;
 
 pub use grids::{Extra, MapTable, SurveyPoints};
+pub(crate) use guarded::guarded;
 pub use iaga2002::{ObservatoryRecord, read_iaga2002};
 pub use imf::read_imf;
 pub(crate) use options::markers;
@@ -438,7 +440,9 @@ fn open_format(
         let what = format!("a file of the format `{}` is one table, without topics", format.name);
         return Err(ReadError::options(path, what).help("leave `topic` out"));
     }
-    Ok((format, (format.open)(path, options, reading)?))
+    let raw = (format.open)(path, options, reading)?;
+    limits::check_columns(path, raw.schema.fields().len())?;
+    Ok((format, raw))
 }
 
 /// The format of a file.
@@ -539,12 +543,8 @@ fn choose(head: &Head, named: Option<&str>, known: &[Choice], kind: &str) -> Res
     })
 }
 
-/// Runs a third-party decoder over bytes that may be damaged, and turns a panic into an error.
-pub(crate) fn guarded<T>(path: &Path, decode: impl FnOnce() -> Result<T, ReadError>) -> Result<T, ReadError> {
-    let outcome = catch_unwind(AssertUnwindSafe(decode));
-    outcome.unwrap_or_else(|_| Err(ReadError::data(path, "the file is damaged: its decoder failed")))
-}
-
+#[cfg(test)]
+mod bomb_tests;
 #[cfg(test)]
 mod log_tests;
 #[cfg(test)]

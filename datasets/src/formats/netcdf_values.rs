@@ -1,7 +1,7 @@
 //! How the numbers of a NetCDF variable are stored: their sign, markers of missing values, valid range, scale and offset.
 //! [CF conventions 1.7, 2.5 and 8.1; NetCDF Users' Guide, "Attribute Conventions"]
 
-use std::path::Path;
+use std::{collections::BTreeMap, path::Path};
 
 use netcdf_reader::{NcAttrValue, NcType, NcVariable};
 
@@ -26,21 +26,56 @@ pub(super) struct Storage {
 
 const ANYTHING: [f64; 2] = [f64::NEG_INFINITY, f64::INFINITY];
 
+/// An attribute.
+pub(super) enum Attribute {
+    /// Numbers, and whether they are real ones.
+    Numbers(Vec<f64>, bool),
+    Text(String),
+}
+
+impl Attribute {
+    fn from_netcdf(value: &NcAttrValue) -> Attribute {
+        let real = matches!(value, NcAttrValue::Floats(_) | NcAttrValue::Doubles(_));
+        let numbers = value.as_f64_vec().map(|numbers| Attribute::Numbers(numbers, real));
+        numbers.unwrap_or_else(|| Attribute::Text(value.as_string().unwrap_or_default()))
+    }
+}
+
+/// The names of the attributes that describe the storage.
+pub(super) const ATTRIBUTES: [&str; 8] =
+    ["_FillValue", "missing_value", "scale_factor", "add_offset", "valid_min", "valid_max", "valid_range", "_Unsigned"];
+
 impl Storage {
-    /// The storage that the attributes of a variable describe.
+    /// The storage of a variable of NetCDF.
+    ///
+    /// # Errors
+    /// Fails as [`Storage::of`].
+    pub(super) fn of_variable(path: &Path, variable: &NcVariable) -> Result<Storage, ReadError> {
+        let read = |name: &&str| Some(((*name).to_owned(), Attribute::from_netcdf(&variable.attribute(name)?.value)));
+        let all = ATTRIBUTES.iter().filter_map(read).collect();
+        Storage::of(path, variable.name(), variable.dtype().clone(), &all, true)
+    }
+
+    /// The storage that attributes describe, those among [`ATTRIBUTES`] that a variable has. `filled` says whether values
+    /// that were never written are NetCDF's default ones.
     ///
     /// # Errors
     /// Fails for an attribute that is not a number, and a valid range of other than two numbers.
-    pub(super) fn of(path: &Path, variable: &NcVariable) -> Result<Storage, ReadError> {
-        let kind = variable.dtype().clone();
-        let attributes = Attributes { path, variable };
+    pub(super) fn of(
+        path: &Path,
+        variable: &str,
+        kind: NcType,
+        attributes: &BTreeMap<String, Attribute>,
+        filled: bool,
+    ) -> Result<Storage, ReadError> {
+        let attributes = Attributes { path, variable, all: attributes };
         let modulus = attributes.modulus(&kind)?;
         let stored = |x: &f64| in_type(&kind, modulus, *x);
         let numbers = |name: &str| attributes.numbers(name).map(|all| all.unwrap_or_default());
         let own_fill = numbers("_FillValue")?;
         let mut missing: Vec<f64> =
             own_fill.iter().chain(&numbers("missing_value")?).map(stored).filter(|x| !x.is_nan()).collect();
-        if own_fill.is_empty() && modulus.is_none() {
+        if filled && own_fill.is_empty() && modulus.is_none() {
             missing.extend(default_fill(&kind));
         }
         let packing =
@@ -63,7 +98,7 @@ impl Storage {
             [low, high] => [low, high].iter().enumerate().for_each(|(which, x)| bound("valid_range", which, **x)),
             other => {
                 let what = format!("`valid_range` has {} numbers, not two", other.len());
-                return Err(ReadError::data(path, what).in_column(variable.name()));
+                return Err(ReadError::data(path, what).in_column(variable));
             }
         }
         Ok(Storage { kind, modulus, missing, valid, valid_unpacked, packing })
@@ -112,25 +147,26 @@ impl Storage {
 
 struct Attributes<'a> {
     path: &'a Path,
-    variable: &'a NcVariable,
+    variable: &'a str,
+    all: &'a BTreeMap<String, Attribute>,
 }
 
 impl Attributes<'_> {
-    fn get(&self, name: &str) -> Option<&NcAttrValue> {
-        self.variable.attribute(name).map(|a| &a.value)
+    fn get(&self, name: &str) -> Option<&Attribute> {
+        self.all.get(name)
     }
 
     fn wrong(&self, what: String) -> ReadError {
-        ReadError::data(self.path, what).in_column(self.variable.name()).help("correct the attribute")
+        ReadError::data(self.path, what).in_column(self.variable).help("correct the attribute")
     }
 
     /// The numbers of an attribute, also of one that is a text.
     fn numbers(&self, name: &str) -> Result<Option<Vec<f64>>, ReadError> {
-        let Some(value) = self.get(name) else { return Ok(None) };
-        if let Some(numbers) = value.as_f64_vec() {
-            return Ok(Some(numbers));
-        }
-        let text = value.as_string().unwrap_or_default();
+        let text = match self.get(name) {
+            None => return Ok(None),
+            Some(Attribute::Numbers(numbers, _)) => return Ok(Some(numbers.clone())),
+            Some(Attribute::Text(text)) => text,
+        };
         let words = text.split([',', ' ', '\0']).filter(|w| !w.is_empty());
         let numbers = words.map(|w| w.trim_end_matches(['f', 'd', 's', 'b', 'L']).parse().ok()).collect();
         let numbers: Option<Vec<f64>> = numbers;
@@ -146,18 +182,22 @@ impl Attributes<'_> {
     }
 
     fn is_real(&self, name: &str) -> bool {
-        matches!(self.get(name), Some(NcAttrValue::Floats(_) | NcAttrValue::Doubles(_)))
+        matches!(self.get(name), Some(Attribute::Numbers(_, true)))
     }
 
     /// Two to the bits of a whole number whose sign `_Unsigned` changes.
     fn modulus(&self, kind: &NcType) -> Result<Option<f64>, ReadError> {
-        let Some(value) = self.get("_Unsigned") else { return Ok(None) };
-        let text = value.as_string().unwrap_or_default().trim_matches(['\0', ' ']).to_ascii_lowercase();
-        let unsigned = match (text.as_str(), value.as_f64()) {
-            ("true", _) => true,
-            ("false", _) => false,
-            (_, Some(number)) if text.is_empty() => number != 0.0,
-            _ => return Err(self.wrong(format!("`_Unsigned` is `{text}`, not true or false"))),
+        let unsigned = match self.get("_Unsigned") {
+            None => return Ok(None),
+            Some(Attribute::Numbers(numbers, _)) => match numbers.as_slice() {
+                [number] => *number != 0.0,
+                other => return Err(self.wrong(format!("`_Unsigned` is {other:?}, not true or false"))),
+            },
+            Some(Attribute::Text(text)) => match text.trim_matches(['\0', ' ']).to_ascii_lowercase().as_str() {
+                "true" => true,
+                "false" => false,
+                text => return Err(self.wrong(format!("`_Unsigned` is `{text}`, not true or false"))),
+            },
         };
         Ok(bits(kind).filter(|_| unsigned != is_unsigned(kind)).map(|bits| 2_f64.powi(bits)))
     }

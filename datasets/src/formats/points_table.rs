@@ -7,7 +7,7 @@ use arrow_cast::cast;
 use arrow_schema::{DataType, SchemaRef};
 use schemas::convert;
 
-use super::{FLIGHT_FORMATS, FlightOptions, Head, adopt, foreign, guarded, open_flight, parquet, text_table};
+use super::{FLIGHT_FORMATS, FlightOptions, Head, adopt, foreign, open_flight, parquet, text_table};
 use crate::{
     ReadError,
     grid::{AxisUnit, is_dummy, split_unit},
@@ -69,13 +69,9 @@ pub(super) fn load(path: &Path, format: Option<&str>) -> Result<Table, ReadError
 }
 
 fn from_parquet(path: &Path) -> Result<Table, ReadError> {
-    let builder = parquet::builder(path)?;
-    let schema = builder.schema().clone();
-    let batches: Vec<RecordBatch> = guarded(path, || {
-        let reader = builder.with_batch_size(65_536).build();
-        let reader = reader.map_err(|e| parquet::damaged(path, &e.to_string()))?;
-        reader.collect::<Result<_, _>>().map_err(|e| parquet::damaged(path, &e.to_string()))
-    })?;
+    let file = parquet::Open::new(path)?;
+    let schema = file.schema.clone();
+    let batches: Vec<RecordBatch> = file.batches(path)?.collect::<Result<_, _>>()?;
     Ok(of_batches(&schema, &batches))
 }
 

@@ -6,7 +6,7 @@
 //! skipped and noted; a row that is another header is an error, since the columns after it differ.
 
 use std::{
-    collections::VecDeque,
+    collections::{HashSet, VecDeque},
     fs::File,
     io::{Read, Seek, SeekFrom},
     path::{Path, PathBuf},
@@ -20,7 +20,10 @@ use self::{
     rows::{Layout, Rows, Wrong},
     scan::{Scan, at_once},
 };
-use super::{FlightFormat, FlightOptions, Head, Part, Raw, Reading, RowFault, decimal, missing, missing::Missing};
+use super::{
+    FlightFormat, FlightOptions, Head, Part, Raw, Reading, RowFault, decimal, limits::check_columns, missing,
+    missing::Missing,
+};
 use crate::{
     ReadError,
     table::{Table, Values},
@@ -108,11 +111,13 @@ pub(super) fn header(path: &Path) -> Result<Vec<String>, ReadError> {
     let mut reader = reader(path)?;
     let record = reader.headers().map_err(|e| broken(path, &e))?;
     let names: Vec<String> = record.iter().map(|n| n.trim().trim_start_matches('\u{feff}').to_owned()).collect();
+    check_columns(path, names.len())?;
+    let mut known = HashSet::new();
     for (i, name) in names.iter().enumerate() {
         if name.is_empty() {
             return Err(ReadError::data(path, format!("the header's column {} has no name", i + 1)));
         }
-        if names.iter().take(i).any(|n| n == name) {
+        if !known.insert(name) {
             return Err(ReadError::data(path, "the header names the column twice").in_column(name));
         }
     }

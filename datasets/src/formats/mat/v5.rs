@@ -8,6 +8,7 @@ use std::{
 
 use flate2::read::ZlibDecoder;
 
+use super::super::limits::Limit;
 use super::tree::{Content, Node, Read as Outcome};
 use crate::{ReadError, table::Values};
 
@@ -37,7 +38,7 @@ pub(super) fn read(path: &Path, keep: &dyn Fn(&str) -> bool) -> Result<Outcome, 
         Some(b"MI") => true,
         _ => return Err(ReadError::data(path, "is not a MATLAB 5 file: its header has no mark of the byte order")),
     };
-    let (mut outcome, mut at) = (Outcome::default(), HEADER);
+    let (mut outcome, mut at, limit) = (Outcome::default(), HEADER, Limit::new(length));
     while at < length {
         file.seek(SeekFrom::Start(at)).map_err(io)?;
         let mut tag = [0; 8];
@@ -49,8 +50,8 @@ pub(super) fn read(path: &Path, keep: &dyn Fn(&str) -> bool) -> Result<Outcome, 
         let end = at + 8 + bytes;
         let node = match kind {
             _ if end > length => Err(broken(&format!("it has {} of {bytes} bytes", length - at - 8))),
-            MATRIX => Source::new(&mut (&mut file).take(bytes), big).matrix(bytes, DEPTH, keep, true).map(Some),
-            COMPRESSED => deflated((&mut file).take(bytes), big, keep).map(Some),
+            MATRIX => Source::new(&mut (&mut file).take(bytes), big, &limit).matrix(bytes, DEPTH, keep, true).map(Some),
+            COMPRESSED => deflated((&mut file).take(bytes), big, &limit, keep).map(Some),
             // An element of another type at the root is not a variable.
             _ => Ok(None),
         };
@@ -66,7 +67,7 @@ pub(super) fn read(path: &Path, keep: &dyn Fn(&str) -> bool) -> Result<Outcome, 
 }
 
 /// The variable in a deflated element.
-fn deflated(input: impl Read, big: bool, keep: &dyn Fn(&str) -> bool) -> io::Result<Node> {
+fn deflated(input: impl Read, big: bool, limit: &Limit, keep: &dyn Fn(&str) -> bool) -> io::Result<Node> {
     let mut inflated = ZlibDecoder::new(input);
     let mut tag = [0; 8];
     inflated.read_exact(&mut tag)?;
@@ -74,7 +75,7 @@ fn deflated(input: impl Read, big: bool, keep: &dyn Fn(&str) -> bool) -> io::Res
         return Err(broken("it does not hold an array"));
     }
     let bytes = u64::from(word(&tag, 4, big));
-    let node = Source::new(&mut inflated, big).matrix(bytes, DEPTH, keep, true)?;
+    let node = Source::new(&mut inflated, big, limit).matrix(bytes, DEPTH, keep, true)?;
     // The check sum is compared where the stream ends; numbers that are not kept are not read that far.
     if !matches!(node.content, Content::Array { values: None, .. }) {
         io::copy(&mut inflated, &mut io::sink())?;
@@ -105,11 +106,12 @@ struct Source<'a> {
     input: &'a mut dyn Read,
     big: bool,
     at: u64,
+    limit: &'a Limit,
 }
 
 impl<'a> Source<'a> {
-    fn new(input: &'a mut dyn Read, big: bool) -> Source<'a> {
-        Source { input, big, at: 0 }
+    fn new(input: &'a mut dyn Read, big: bool, limit: &'a Limit) -> Source<'a> {
+        Source { input, big, at: 0, limit }
     }
 
     /// So many bytes; memory grows as they come, not as they are announced.
@@ -208,6 +210,9 @@ impl<'a> Source<'a> {
             6..=15 => {
                 let tag = self.tag(end)?;
                 let values = if keep(&name) {
+                    // Numbers become Float64.
+                    let bytes = count.checked_mul(8).map(|bytes| bytes.max(tag.bytes));
+                    self.limit.check_next(bytes).map_err(|what| broken(&what))?;
                     let data = self.data(&tag, u64::MAX)?;
                     Some(numbers(&data, tag.kind, self.big, count)?)
                 } else {

@@ -1,0 +1,52 @@
+//! Decoders of others over bytes that may be damaged.
+
+use std::{
+    cell::Cell,
+    panic::{self, AssertUnwindSafe, catch_unwind},
+    path::Path,
+    sync::Once,
+};
+
+use crate::ReadError;
+
+/// Runs a third-party decoder over bytes that may be damaged, and turns a panic into an error. The panic's own message goes
+/// nowhere.
+pub(crate) fn guarded<T>(path: &Path, decode: impl FnOnce() -> Result<T, ReadError>) -> Result<T, ReadError> {
+    static HOOK: Once = Once::new();
+    HOOK.call_once(|| {
+        let loud = panic::take_hook();
+        panic::set_hook(Box::new(move |about| {
+            if GUARDED.get() == 0 {
+                loud(about);
+            }
+        }));
+    });
+    GUARDED.set(GUARDED.get() + 1);
+    let outcome = catch_unwind(AssertUnwindSafe(decode));
+    GUARDED.set(GUARDED.get() - 1);
+    outcome.unwrap_or_else(|_| Err(ReadError::data(path, "the file is damaged: its decoder failed")))
+}
+
+thread_local! {
+    /// The decoders that this thread is running, one inside another.
+    static GUARDED: Cell<u32> = const { Cell::new(0) };
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::panic)]
+
+    use super::*;
+
+    #[test]
+    fn bug_a_panic_of_a_decoder_is_an_error_of_the_file_and_later_ones_are_still_reported() {
+        let path = Path::new("a.parquet");
+        let nested = guarded(path, || {
+            let inner = guarded::<()>(path, || panic!("inner"));
+            assert!(inner.unwrap_err().to_string().starts_with("a.parquet: the file is damaged"));
+            assert_eq!(GUARDED.get(), 1);
+            Ok(())
+        });
+        assert!(nested.is_ok() && GUARDED.get() == 0);
+    }
+}
