@@ -16,6 +16,8 @@ pub struct Topic {
     pub rows: u64,
     /// Its columns, in the file's order.
     pub columns: Vec<TopicColumn>,
+    /// The reason why a topic of messages has no rows; empty where it has.
+    pub note: String,
 }
 
 /// A column of a table of a file.
@@ -63,7 +65,7 @@ pub fn topics_among(formats: &[FlightFormat], path: &Path, options: &FlightOptio
     while let Some(part) = reader.next_part() {
         rows += part?.batch.num_rows() as u64;
     }
-    Ok(vec![Topic { name: String::new(), rows, columns }])
+    Ok(vec![Topic { name: String::new(), rows, columns, note: String::new() }])
 }
 
 /// Opens one table of a file for its rows under the file's own names, without the flight and line that

@@ -225,17 +225,22 @@ fn tables_in(args: &IngestArgs, mapping: &Arc<Mapping>, path: &Path) -> Result<V
     let topics = datasets::topics_among(flight_formats(), path, &options).map_err(Fault::from)?;
     // Without a number a topic is the first instance.
     let plain = |name: &str| name.strip_suffix(":0").unwrap_or(name).to_owned();
-    let there =
-        |t: &Mapped| t.topic().is_none_or(|topic| topics.iter().any(|known| plain(&known.name) == plain(topic)));
+    let of = |topic: &str| topics.iter().find(|known| plain(&known.name) == plain(topic));
+    let there = |t: &Mapped| t.topic().is_none_or(|topic| of(topic).is_some_and(|known| known.note.is_empty()));
     let (there, missing): (Vec<Mapped>, Vec<Mapped>) = tables.into_iter().partition(there);
     for table in &missing {
         let topic = table.topic().unwrap_or_default();
-        note(&format!("{} has no topic `{topic}`: the table `{}` is left out", path.display(), table.name()));
+        let why = match of(topic) {
+            Some(known) => format!("{}: {}", path.display(), known.note),
+            None => format!("{} has no topic `{topic}`", path.display()),
+        };
+        note(&format!("{why}: the table `{}` is left out", table.name()));
     }
     if there.is_empty() {
-        let names: Vec<&str> = topics.iter().map(|t| t.name.as_str()).collect();
+        let names: Vec<&str> = topics.iter().filter(|t| t.note.is_empty()).map(|t| t.name.as_str()).collect();
         let fault = Fault::new(format!("{} holds no topic of the mapping {}", path.display(), mapping.label));
-        return Err(fault.help(format!("its topics: {}", names.join(", "))).into());
+        let names = if names.is_empty() { "none".to_owned() } else { names.join(", ") };
+        return Err(fault.help(format!("its topics: {names}")).into());
     }
     Ok(there)
 }

@@ -38,9 +38,11 @@ fn topics(path: &Path, _: &FlightOptions) -> Result<Vec<Topic>, ReadError> {
     let topic = |t: &walk::Topic| {
         let columns = walk.state.layouts.get(t.layout).map(|l| l.definition.columns.iter());
         let columns = columns.into_iter().flatten().map(Column::topic_column).collect();
-        Topic { name: walk.state.spelt(t), rows: t.rows, columns }
+        Topic { name: walk.state.spelt(t), rows: t.rows, columns, note: String::new() }
     };
-    Ok(walk.state.topics.iter().map(topic).collect())
+    let topics = walk.state.topics.iter().map(topic);
+    let lost = |(name, note)| Topic { name, rows: 0, columns: vec![], note };
+    Ok(topics.chain(walk.state.lost().into_iter().map(lost)).collect())
 }
 
 fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadError> {
@@ -58,6 +60,9 @@ fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadEr
     })?;
     some_message(path, &scan)?;
     let state = &scan.state;
+    if let Some((_, what)) = state.lost().into_iter().find(|(name, _)| asked == Some(name.as_str())) {
+        return Err(ReadError::data(path, what));
+    }
     let names: Vec<(String, u64)> = state.topics.iter().map(|t| (state.spelt(t), t.rows)).collect();
     let number = chosen(path, instance(path, asked, &names)?, &names)?;
     let notes = notes(path, &scan, number);
@@ -111,7 +116,11 @@ fn notes(path: &Path, walk: &Walk, number: usize) -> Vec<String> {
         notes.push(format!("{} of types without a definition", counted(state.unknown, "message")));
     }
     if state.unreadable > 0 {
-        notes.push(format!("{} cannot be read; their messages are skipped", counted(state.unreadable, "definition")));
+        notes.push(format!(
+            "{} cannot be read; {} of theirs skipped",
+            counted(state.unreadable, "definition"),
+            counted(state.undefined, "message")
+        ));
     }
     if let Some(layout) = state.topics.get(number).and_then(|t| state.layouts.get(t.layout)).filter(|l| l.others > 0) {
         let (others, name) = (counted(layout.others, "message"), &layout.definition.name);

@@ -11,7 +11,7 @@ use std::{
 use super::{
     super::{
         records::{Kind, text},
-        stream::{Damage, Forward},
+        stream::{Damage, Forward, counted},
     },
     definitions::{Definition, FMT, FMT_LENGTH, HEADER, Units},
 };
@@ -103,6 +103,10 @@ pub(super) struct State {
     pub(super) unknown: u64,
     /// Definitions that could not be read.
     pub(super) unreadable: u64,
+    /// Messages of types whose definition could not be read.
+    pub(super) undefined: u64,
+    /// The names of these types, where they have one.
+    unnamed: HashMap<u8, (String, u64)>,
 }
 
 /// What the bytes at a position are.
@@ -149,6 +153,8 @@ impl Walk {
             cut: 0,
             unknown: 0,
             unreadable: 0,
+            undefined: 0,
+            unnamed: HashMap::new(),
         };
         state.define(FMT, Some(Definition::of_fmt()), FMT_LENGTH);
         Ok(Walk { path: path.to_path_buf(), forward, state })
@@ -244,6 +250,10 @@ impl State {
         }
         let Some(Type { layout: Some(at), same, instance, .. }) = self.types.get(usize::from(header[2])).copied()
         else {
+            self.undefined += 1;
+            if let Some((_, messages)) = self.unnamed.get_mut(&header[2]) {
+                *messages += 1;
+            }
             return;
         };
         let Some(layout) = self.layouts.get_mut(at) else { return };
@@ -275,7 +285,11 @@ impl State {
         }
         let definition = Definition::parse(body).map(|(_, definition)| definition);
         // Without a definition its messages can still be told from others by their length.
-        self.unreadable += u64::from(definition.is_none());
+        if definition.is_none() {
+            self.unreadable += 1;
+            let name = text(body.get(2..6).unwrap_or_default());
+            self.unnamed.entry(of).or_insert((name, 0));
+        }
         self.define(of, definition, length);
     }
 
@@ -283,6 +297,7 @@ impl State {
     fn define(&mut self, of: u8, definition: Option<Definition>, length: u8) {
         // FMT messages are always those of the format, and a header is the least that a message has.
         if (of == FMT && length != FMT_LENGTH) || usize::from(length) < HEADER {
+            self.unreadable += u64::from(definition.is_some());
             return;
         }
         let mut known = Type { length, ..Type::default() };
@@ -302,6 +317,20 @@ impl State {
         if let Some(of) = self.types.get_mut(usize::from(of)) {
             *of = known;
         }
+    }
+
+    /// The names without a message that can be read, each with the reason.
+    pub(super) fn lost(&self) -> Vec<(String, String)> {
+        let named = |(name, _): &&(String, u64)| !name.is_empty() && name.bytes().all(|b| b.is_ascii_graphic());
+        let unread = self.unnamed.values().filter(named).filter(|(name, n)| *n > 0 && !self.names.contains_key(name));
+        let mut lost: Vec<(String, String)> = unread
+            .map(|(name, n)| {
+                let what = format!("{} of `{name}` skipped: its definition contradicts itself", counted(*n, "message"));
+                (name.clone(), what)
+            })
+            .collect();
+        lost.sort();
+        lost
     }
 
     /// The name of a topic.

@@ -50,8 +50,10 @@ fn read(path: &Path, keep: &dyn Fn(&str) -> bool) -> Result<Read, ReadError> {
 
 fn topics(path: &Path, _: &FlightOptions) -> Result<Vec<Topic>, ReadError> {
     let column = |c: tree::Column| TopicColumn { name: c.name, unit: String::new(), description: String::new() };
-    let topic =
-        |Draft { name, rows, columns }: Draft| Topic { name, rows, columns: columns.into_iter().map(column).collect() };
+    let topic = |Draft { name, rows, columns }: Draft| {
+        let columns = columns.into_iter().map(column).collect();
+        Topic { name, rows, columns, note: String::new() }
+    };
     Ok(tables(read(path, &|_| false)?.nodes).into_iter().map(topic).collect())
 }
 

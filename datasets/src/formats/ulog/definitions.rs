@@ -19,7 +19,7 @@ struct Declared {
 pub(super) struct Layout {
     /// The columns, without padding.
     pub(super) columns: Vec<Column>,
-    /// The bytes of a message without the padding at its end, which may be left out.
+    /// The bytes of a message without the padding at its end, which may be missing, in part too.
     pub(super) least: usize,
     /// The bytes of a message with it.
     pub(super) most: usize,
@@ -70,12 +70,10 @@ impl Formats {
             let padding = name.starts_with("_padding");
             let indices = (0..length.unwrap_or(1)).map(|i| length.map_or(String::new(), |_| format!("[{i}]")));
             match Basic::of(of) {
-                Some(Basic::Char) => {
-                    to.push(format!("{prefix}{name}"), Kind::Text(length.unwrap_or(1)), padding, prefix)?
-                }
+                Some(Basic::Char) => to.push(format!("{prefix}{name}"), Kind::Text(length.unwrap_or(1)), padding)?,
                 Some(Basic::Number(kind)) => {
                     for index in indices {
-                        to.push(format!("{prefix}{name}{index}"), kind, padding, prefix)?;
+                        to.push(format!("{prefix}{name}{index}"), kind, padding)?;
                     }
                 }
                 None => {
@@ -127,11 +125,11 @@ struct Flat {
 }
 
 impl Flat {
-    fn push(&mut self, name: String, kind: Kind, padding: bool, prefix: &str) -> Option<()> {
+    fn push(&mut self, name: String, kind: Kind, padding: bool) -> Option<()> {
         let offset = self.size;
         self.size = self.size.checked_add(kind.bytes()).filter(|size| *size <= LONGEST)?;
-        // Only padding at the end of the message itself is left out by loggers, not that of a format within.
-        self.padding = if padding && prefix.is_empty() { self.padding + kind.bytes() } else { 0 };
+        // Loggers leave out the padding at the end, that of the last nested format too.
+        self.padding = if padding { self.padding + kind.bytes() } else { 0 };
         if !padding {
             self.most = self.most.checked_sub(1)?;
             let unit = unit(&name).to_owned();
@@ -160,7 +158,7 @@ fn unit(name: &str) -> &'static str {
         _ if start("current") && end("_a") => "A",
         _ if end("_celcius") || end("_celsius") => "degC",
         _ if end("_pa") => "Pa",
-        _ if end("_meter") => "m",
+        _ if end("_meter") || start("altitude") && end("_m") => "m",
         _ => "",
     }
 }

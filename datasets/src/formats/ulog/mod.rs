@@ -33,9 +33,9 @@ fn topics(path: &Path, _: &FlightOptions) -> Result<Vec<Topic>, ReadError> {
     walk.finish(&mut |_, _| ())?;
     let topic = |t: &walk::Topic| {
         let columns = t.layout.columns.iter().map(Column::topic_column).collect();
-        Topic { name: t.spelt(), rows: t.rows, columns }
+        Topic { name: t.spelt(), rows: t.rows, columns, note: t.lost().unwrap_or_default() }
     };
-    Ok(walk.state.topics.iter().filter(|t| t.rows > 0).map(topic).collect())
+    Ok(walk.state.topics.iter().filter(|t| t.rows > 0 || t.lost().is_some()).map(topic).collect())
 }
 
 fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadError> {
@@ -58,6 +58,12 @@ fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadEr
         }
     }
     let held: Vec<usize> = (0..scan.state.topics.len()).filter(|i| scan.state.topics[*i].rows > 0).collect();
+    let lost = |t: &&walk::Topic| asked.is_none_or(|name| t.spelt() == name) && t.rows == 0;
+    if (asked.is_some() || held.is_empty())
+        && let Some(what) = scan.state.topics.iter().filter(lost).find_map(walk::Topic::lost)
+    {
+        return Err(ReadError::data(path, what));
+    }
     let names: Vec<(String, u64)> = held.iter().map(|i| &scan.state.topics[*i]).map(|t| (t.spelt(), t.rows)).collect();
     let number = held[chosen(path, asked, &names)?];
     let notes = notes(path, &scan, number);
@@ -103,6 +109,10 @@ fn notes(path: &Path, walk: &Walk, number: usize) -> Vec<String> {
             counted(state.unreadable, "definition")
         ));
     }
+    notes.extend(misfits(&state.topics));
+    if let Some(end) = state.appended.first().filter(|end| **end > walk.position()) {
+        notes.push(format!("the data appended at byte {end} are missing: the file ends at byte {}", walk.position()));
+    }
     if let Some(topic) = state.topics.get(number) {
         if state.contradicted().contains(&topic.name) {
             notes.push(format!("`{}` is defined twice, differently", topic.name));
@@ -117,6 +127,21 @@ fn notes(path: &Path, walk: &Walk, number: usize) -> Vec<String> {
     }
     let file = path.display();
     notes.into_iter().map(|note| format!("{file}: {note}")).collect()
+}
+
+/// Notes on the topics with messages that do not fit their definition.
+fn misfits(topics: &[walk::Topic]) -> Vec<String> {
+    /// Topics that are listed.
+    const SHOWN: usize = 5;
+    let mut notes: Vec<String> = topics.iter().filter_map(walk::Topic::misfitting).collect();
+    if let Some(more) = notes.len().checked_sub(SHOWN).filter(|more| *more > 0) {
+        notes.truncate(SHOWN);
+        notes.push(format!(
+            "messages of {} do not fit their definitions and were skipped",
+            counted(more as u64, "further topic")
+        ));
+    }
+    notes
 }
 
 #[cfg(test)]

@@ -10,7 +10,7 @@ use std::{
 use super::{
     super::{
         records::text,
-        stream::{Damage, Forward},
+        stream::{Damage, Forward, counted},
     },
     definitions::{Formats, Layout, is_name},
 };
@@ -39,12 +39,51 @@ pub(super) struct Topic {
     pub(super) rows: u64,
     /// Messages in another layout, after its format was defined anew.
     pub(super) others: u64,
+    /// Messages that are shorter or longer than their definition.
+    pub(super) misfits: Misfits,
+}
+
+/// Messages of a topic that do not fit its definition.
+#[derive(Default)]
+pub(super) struct Misfits {
+    pub(super) messages: u64,
+    /// The least and the largest of their lengths in bytes.
+    pub(super) bytes: Option<(usize, usize)>,
+}
+
+impl Misfits {
+    fn add(&mut self, bytes: usize) {
+        self.messages += 1;
+        let (least, most) = self.bytes.unwrap_or((bytes, bytes));
+        self.bytes = Some((least.min(bytes), most.max(bytes)));
+    }
 }
 
 impl Topic {
     /// Its name as the options spell it: without the number for instance 0.
     pub(super) fn spelt(&self) -> String {
         if self.instance == 0 { self.name.clone() } else { format!("{}:{}", self.name, self.instance) }
+    }
+
+    /// A note on its messages that do not fit the definition.
+    pub(super) fn misfitting(&self) -> Option<String> {
+        let range = |(least, most): (usize, usize)| {
+            if least == most { format!("{least}") } else { format!("{least} to {most}") }
+        };
+        let found = range(self.misfits.bytes?);
+        let defined = range((self.layout.least, self.layout.most));
+        let (count, name) = (counted(self.misfits.messages, "message"), self.spelt());
+        Some(format!("{count} of `{name}`, of {found} bytes each, skipped: the definition has {defined} bytes"))
+    }
+
+    /// The reason why there are no rows of it; `None` where there are, or no message at all.
+    pub(super) fn lost(&self) -> Option<String> {
+        let misfitting = self.misfitting().filter(|_| self.rows == 0);
+        let others = || {
+            let (count, name) = (counted(self.others, "message"), self.spelt());
+            format!("{count} of `{name}` after it was defined anew, with other fields, skipped")
+        };
+        misfitting.or_else(|| (self.rows == 0 && self.others > 0).then(others))
     }
 }
 
@@ -70,7 +109,7 @@ pub(super) struct State {
     ids: Vec<u32>,
     pub(super) version: u8,
     /// Where data were appended to the file, the next last; a message is cut there.
-    appended: Vec<u64>,
+    pub(super) appended: Vec<u64>,
     pub(super) dropouts: u64,
     pub(super) dropouts_ms: u64,
     pub(super) damage: Damage,
@@ -89,6 +128,8 @@ enum Found {
     Sure(usize),
     /// What may be a message of this length, of an unknown type or id.
     Unsure(usize),
+    /// What may be a data message of this length, which does not fit the definition of its id.
+    Misfit(usize),
     /// The start of a message that ends with the file.
     Cut,
     Nothing,
@@ -165,6 +206,10 @@ impl Walk {
                 state.unknown += 1;
                 length
             }
+            Found::Misfit(length) if state.leads(bytes.get(length..).unwrap_or_default(), None, 4) => {
+                state.misfit(bytes.get(..length).unwrap_or_default());
+                length
+            }
             Found::Cut => {
                 state.cut += bytes.len() as u64;
                 bytes.len()
@@ -177,6 +222,11 @@ impl Walk {
         };
         forward.skip(taken);
         Ok(true)
+    }
+
+    /// The position in the file.
+    pub(super) fn position(&self) -> u64 {
+        self.forward.position()
     }
 
     /// Reads to the end of the file.
@@ -215,7 +265,9 @@ impl State {
         let body = bytes.get(3..3 + size);
         if kind == b'D' {
             let fits = match word(bytes, 3).map(|id| self.subscription(id)) {
-                Some(Some(s)) => (s.least..=s.most).contains(&size.wrapping_sub(2)),
+                Some(Some(s)) if size < 2 || (s.least..=s.most).contains(&(size - 2)) => size >= 2,
+                // Cut by the end of the file, there is nothing to tell it from damage.
+                Some(Some(_)) => return body.map_or(Found::Nothing, |_| Found::Misfit(3 + size)),
                 Some(None) if size >= 2 => {
                     return if body.is_some() { Found::Unsure(3 + size) } else { Found::Nothing };
                 }
@@ -263,6 +315,8 @@ impl State {
         match self.found(bytes) {
             Found::Sure(_) | Found::Cut => true,
             Found::Unsure(length) => depth > 0 && self.leads(bytes.get(length..).unwrap_or_default(), new, depth - 1),
+            // Each has a type and an id that are known: several in a row are no accident.
+            Found::Misfit(length) => depth == 0 || self.leads(bytes.get(length..).unwrap_or_default(), new, depth - 1),
             Found::Nothing => bytes.is_empty(),
         }
     }
@@ -275,7 +329,7 @@ impl State {
             // At the start it would be the end of the file that is taken for a message.
             Found::Cut => messages < 3,
             Found::Nothing => bytes.is_empty(),
-            Found::Unsure(_) => false,
+            Found::Unsure(_) | Found::Misfit(_) => false,
         }
     }
 
@@ -327,6 +381,14 @@ impl State {
         }
     }
 
+    /// Counts a data message that does not fit its definition.
+    fn misfit(&mut self, message: &[u8]) {
+        let Some(at) = word(message, 3).and_then(|id| self.subscription(id)).map(|s| s.topic) else { return };
+        if let Some(topic) = self.topics.get_mut(at) {
+            topic.misfits.add(message.len().saturating_sub(5));
+        }
+    }
+
     fn subscribe(&mut self, body: &[u8]) {
         let (Some(instance), Some(id)) = (body.first(), word(body, 1)) else { return };
         let name = text(body.get(3..).unwrap_or_default());
@@ -341,7 +403,7 @@ impl State {
             None => {
                 let (name, instance) = key.clone();
                 self.columns += layout.columns.len();
-                self.topics.push(Topic { name, instance, layout, rows: 0, others: 0 });
+                self.topics.push(Topic { name, instance, layout, rows: 0, others: 0, misfits: Misfits::default() });
                 self.numbers.insert(key, self.topics.len() - 1);
                 (self.topics.len() - 1, true)
             }

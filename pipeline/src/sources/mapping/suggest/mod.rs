@@ -40,7 +40,7 @@ pub fn suggest(path: &Path, options: &FlightOptions, formats: &[FlightFormat]) -
     let listed = topics_among(formats, path, options)?;
     let mut format = "";
     let mut topics = vec![];
-    for topic in listed {
+    for topic in listed.into_iter().filter(|topic| topic.note.is_empty()) {
         let options = FlightOptions { topic: Some(topic.name.clone()).filter(|n| !n.is_empty()), ..options.clone() };
         let mut reader = open_raw_among(formats, path, &options, &Reading::default())?;
         format = reader.format();
