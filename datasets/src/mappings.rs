@@ -27,6 +27,7 @@ ready![
     "ardupilot_dataflash_timeus",
     "ardupilot_dataflash_timems",
     "px4_ulog",
+    "px4_ulog_v114",
     "px4_ulog_2016",
     "skywalker_x8",
     "skywalker_x8_parquet",

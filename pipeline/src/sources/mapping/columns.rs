@@ -8,6 +8,7 @@ use schemas::Fault;
 use super::{
     declare::{Frames, Order},
     document::Span,
+    other_ready,
     row_value::RowValue,
     vector::Mounting,
 };
@@ -39,7 +40,12 @@ impl<'a> Columns<'a> {
         if found.is_none() {
             let names: Vec<&str> = self.source.fields().iter().map(|f| f.name().as_str()).collect();
             let fault = Fault::new(format!("there is no column `{name}` in {}", self.place));
-            self.push(fault.nearest(name, &names).at(at));
+            let mut fault = fault.nearest(name, &names);
+            if let Some(ready) = other_ready::fitting(self.source) {
+                let known = fault.help.unwrap_or_default();
+                fault.help = Some(format!("{known}; the ready mapping `{ready}` reads a table with these columns"));
+            }
+            self.push(fault.at(at));
         }
         found
     }

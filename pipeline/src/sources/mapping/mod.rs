@@ -11,6 +11,7 @@ mod declare;
 mod document;
 mod epoch;
 mod make;
+mod other_ready;
 mod row_value;
 mod rows;
 pub mod suggest;
