@@ -6,7 +6,7 @@ use figures::{
 };
 use maud::Markup;
 use numerics::regression::statistics;
-use schemas::Fault;
+use schemas::{Correction, Fault, Shape};
 
 use super::{
     signal::{minutes, time_axis},
@@ -32,7 +32,7 @@ pub fn plots(source: &Source, subject: &Subject, line: LineId) -> Result<Option<
     Ok(found.chart().draw())
 }
 
-/// A signal less core field and temporal variation, and its name.
+/// A signal less core field and temporal variation, and its name. What the signal has lost before is not subtracted again.
 fn measured(
     source: &Source,
     subject: &Subject,
@@ -46,7 +46,7 @@ fn measured(
     {
         // Another table has other samples where it was cut or resampled.
         let Some(mut signal) = source.floats(from, line, name)?.filter(|x| x.len() == rows) else { continue };
-        for known in ["igrf", "diurnal"] {
+        for known in remaining(source.shape(from), name) {
             if let Some(field) = source.floats(from, line, known)?.filter(|x| x.len() == rows) {
                 signal.iter_mut().zip(&field).for_each(|(x, f)| *x -= f);
             }
@@ -54,6 +54,16 @@ fn measured(
         return Ok(Some((name.to_owned(), signal)));
     }
     Ok(None)
+}
+
+/// The columns of the core field and the temporal variation that the signal `name` still holds.
+fn remaining(shape: Option<&Shape>, name: &str) -> Vec<&'static str> {
+    let removed = shape.and_then(|shape| shape.get(name)).map(|column| &column.removed);
+    let is_left = |known: &&str| match (Correction::by_column(known), removed) {
+        (Some(correction), Some(removed)) => !removed.contains(&correction),
+        _ => true,
+    };
+    ["igrf", "diurnal"].into_iter().filter(is_left).collect()
 }
 
 struct Along {
@@ -112,6 +122,23 @@ mod tests {
     #![allow(clippy::unwrap_used)]
 
     use super::*;
+
+    #[test]
+    fn bug_what_a_signal_has_lost_before_is_not_subtracted_again() {
+        let column = |name: &str, removed: &[Correction]| {
+            schemas::Column::float(name, "nT", "").without(removed.iter().copied().collect())
+        };
+        let columns = vec![
+            column("mag_c", &[]),
+            column("target", &[Correction::Diurnal]),
+            column("both", &[Correction::Core, Correction::Diurnal, Correction::Lag]),
+        ];
+        let shape = Shape { columns, rate_hz: None };
+        let of = |name: &str| remaining(Some(&shape), name);
+        assert_eq!(of("mag_c"), ["igrf", "diurnal"]);
+        assert_eq!(of("target"), ["igrf"]);
+        assert!(of("both").is_empty());
+    }
 
     #[test]
     fn unit_a_constant_is_no_difference_from_the_map() {
