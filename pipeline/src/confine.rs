@@ -1,5 +1,5 @@
-//! Processes of this program that compute what strangers ask for: their memory is limited by the kernel, so that what one of
-//! them takes ends it alone.
+//! Processes of this program for queries, those of `sql` and of `serve`: they end with their parent, and the kernel limits their
+//! memory, so that a query that takes too much ends alone.
 
 use std::{
     fs,
@@ -13,14 +13,17 @@ use schemas::Fault;
 /// The variable by which mimalloc takes memory from the system as it is needed, so that it counts as it is used.
 const LAZY: (&str, &str) = ("MIMALLOC_ARENA_EAGER_COMMIT", "0");
 
-/// This program again, for a process whose memory will be limited.
-///
-/// # Errors
-/// Fails when this program cannot be found.
+/// The command of this program for a process whose memory will be limited.
 pub fn command(program: &std::path::Path) -> Command {
     let mut command = Command::new(program);
     command.env(LAZY.0, LAZY.1);
     command
+}
+
+/// Ends this process with its parent: nobody waits for its answer then.
+pub fn end_with_parent() {
+    #[cfg(target_os = "linux")]
+    let _ = nix::sys::prctl::set_pdeathsig(nix::sys::signal::Signal::SIGKILL);
 }
 
 /// Limits the memory of this process to what it has by now and `bytes` more. An allocation beyond that ends it.

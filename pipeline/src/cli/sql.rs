@@ -87,7 +87,7 @@ pub fn run(args: &SqlArgs) -> Result<(), Stop> {
 /// Answers a question; a panic of DataFusion, such as one of a text that is too long for its offsets, is an error.
 fn answered(question: &Question, sink: &mut dyn Sink) -> Result<(), Fault> {
     let asked = catch_unwind(AssertUnwindSafe(|| sql(question, sink)));
-    asked.unwrap_or_else(|_| Err(guard::exceeded(question.memory)))
+    asked.unwrap_or_else(|_| Err(memory::fault(question.memory)))
 }
 
 /// The query: an argument, a file, or standard input.

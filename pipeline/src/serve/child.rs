@@ -184,9 +184,7 @@ fn plain(schema: &Schema) -> Schema {
 /// Fails when nobody listens.
 pub fn answer() -> Result<(), Fault> {
     let lost = |e: std::io::Error| Fault::machine(format!("the server is gone: {e}"));
-    // A query without a server computes for nobody.
-    #[cfg(target_os = "linux")]
-    let _ = nix::sys::prctl::set_pdeathsig(nix::sys::signal::Signal::SIGKILL);
+    confine::end_with_parent();
     let mut text = String::new();
     stdin().read_to_string(&mut text).map_err(lost)?;
     let question: Question = serde_json::from_str(&text).map_err(|e| Fault::bug(format!("no question: {e}")))?;
@@ -195,11 +193,8 @@ pub fn answer() -> Result<(), Fault> {
     let mut send = |piece: Piece| piece.write(&mut out).map_err(lost);
     // A text that is longer than its offsets can count ends DataFusion with a panic.
     let too_long = |_| {
-        let most = memory::shown(question.memory);
-        Err(Fault::new(format!(
-            "the query needs more memory than the {most} that it may take, or makes texts beyond 2 GiB"
-        ))
-        .help("ask for fewer rows or shorter texts"))
+        let what = format!("{}, or makes texts beyond 2 GiB", memory::exceeded(question.memory));
+        Err(Fault::new(what).help("ask for fewer rows or shorter texts"))
     };
     let end = match catch_unwind(AssertUnwindSafe(|| answered(&question, &mut send))).unwrap_or_else(too_long) {
         Ok(()) => Piece::End,

@@ -114,9 +114,8 @@ impl Processes {
 
     fn too_much(&self, share: usize) -> Status {
         Status::invalid_argument(format!(
-            "error: the query needs more memory than the {} that it may take\n  help: ask for fewer rows or columns, or \
-             serve with a larger `--memory-limit`",
-            memory::shown(share)
+            "error: {}\n  help: ask for fewer rows or columns, or serve with a larger `--memory-limit`",
+            memory::exceeded(share)
         ))
     }
 

@@ -13,11 +13,7 @@ use crate::deep;
 /// What to say of `e`.
 pub fn fault(e: &DataFusionError, session: &Session, query: &str) -> Fault {
     match e.find_root() {
-        DataFusionError::ResourcesExhausted(_) => {
-            let limit = memory::shown(session.memory());
-            Fault::machine(format!("the query needs more memory than the {limit} it may take"))
-                .help("`--memory-limit` gives it more; a narrower WHERE, a LIMIT or fewer columns make it smaller")
-        }
+        DataFusionError::ResourcesExhausted(_) => memory::fault(session.memory()),
         DataFusionError::SQL(inner, _) if matches!(inner.as_ref(), ParserError::RecursionLimitExceeded) => {
             deep::too_deep()
         }

@@ -2,6 +2,8 @@
 
 use std::fs;
 
+use schemas::Fault;
+
 const KB: usize = 1000;
 /// The default is a quarter of the machine, between these.
 const LEAST: usize = 256 * KB * KB;
@@ -41,6 +43,17 @@ pub fn size(text: &str) -> Result<usize, String> {
 pub fn shown(bytes: usize) -> String {
     let of = |unit: usize, name: &str| format!("{} {name}", (bytes as f64 / unit as f64 * 10.0).round() / 10.0);
     if bytes >= KB * KB * KB { of(KB * KB * KB, "GB") } else { of(KB * KB, "MB") }
+}
+
+/// The message on a query that needs more than its limit, bytes.
+pub fn exceeded(limit: usize) -> String {
+    format!("the query needs more memory than the {} it may take", shown(limit))
+}
+
+/// The fault of a query that needs more than its limit, bytes.
+pub fn fault(limit: usize) -> Fault {
+    Fault::machine(exceeded(limit))
+        .help("`--memory-limit` gives it more; a narrower WHERE, a LIMIT or fewer columns make it smaller")
 }
 
 /// A quarter of the machine's memory, or of what its control group allows, within bounds.
