@@ -9,9 +9,11 @@ mod client;
 mod closed;
 mod executor;
 mod flight;
+mod job_size;
 mod key;
 mod scheduler;
 mod units;
+mod verdict;
 mod wave;
 mod worker;
 

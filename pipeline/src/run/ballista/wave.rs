@@ -15,7 +15,9 @@ use uuid::Uuid;
 use super::{
     Ballista, Since,
     client::{Seen, Trouble, job},
+    job_size::{JOBS_A_CORE, size},
     units::{Answered, Handed},
+    verdict::{Facts, STALL, Verdict},
 };
 use crate::{
     run::{
@@ -29,17 +31,7 @@ use crate::{
     store::shown,
 };
 
-/// What a job costs its worker and the scheduler beside its work, s: `pipeline/CLUSTER.md`.
-const JOB_S: f64 = 0.06;
-/// The part of the work that it may cost, and at the end of a wave, where jobs are smaller so that all cores end together.
-const MOST_BESIDE: f64 = 0.03;
-const MOST_AT_THE_END: f64 = 0.05;
-/// What the scheduler takes for a job, s: it does one after another.
-const SCHEDULING_S: f64 = 0.02;
-/// Jobs for each core: one is at work, and the next is there.
-const JOBS_A_CORE: usize = 2;
-/// The most tasks of a job, of one before any was answered, and the most of their text.
-const MOST_TASKS: usize = 256;
+/// The most tasks of a job before any was answered, and the most of the text of a job's tasks.
 const MOST_UNSEEN: usize = 8;
 const MOST_BYTES: usize = 1 << 20;
 /// How often a task is handed out that comes to nothing.
@@ -50,8 +42,6 @@ const MOST_RESTARTS: usize = 20;
 const LOOKS_EVERY: Duration = Duration::from_secs(2);
 /// The interval of looking after jobs that take long, and the age at which they do.
 const LONG: Duration = Duration::from_secs(15);
-/// How long a job may go on without a worker at it.
-const STALL: Duration = Duration::from_secs(600);
 /// The time between a job that failed and the next one.
 const AGAIN_AFTER: Duration = Duration::from_millis(500);
 /// How long nothing is said of workers that are missing.
@@ -464,100 +454,5 @@ impl<'a> Handing<'a> {
         let store = self.wave.worker.store();
         let units = tasks.iter().flat_map(|i| self.wave.tasks[*i].units.iter().filter(|u| !u.have));
         store.attempts_at(&units.map(|unit| unit.key).collect::<Vec<_>>()).iter().any(|tries| tries.lost > 0)
-    }
-}
-
-/// The number of tasks of the next job of a wave of `all` tasks, of which some are `waiting` and each takes `task_s` seconds. The work of
-/// a job is large beside its cost, and long enough for the scheduler to keep up with all cores. Towards the end of a wave jobs become smaller,
-/// down to the size at which their cost still is a small part of them; a wave with less work than that for each core is divided evenly.
-fn size(task_s: f64, all: usize, waiting: usize, cores: usize) -> usize {
-    let of = |seconds: f64| (seconds / task_s.max(1e-6)).clamp(1.0, MOST_TASKS as f64) as usize;
-    let wanted = of((JOB_S / MOST_BESIDE).max(SCHEDULING_S * cores as f64));
-    let least = of(JOB_S / MOST_AT_THE_END).min(all.div_ceil(cores));
-    wanted.min(waiting.div_ceil(JOBS_A_CORE * cores).max(least))
-}
-
-/// What is known of a job that takes long.
-#[derive(Clone, Copy, Debug)]
-struct Facts {
-    /// All its results are in the store, and were when it was looked at before.
-    there: bool,
-    were_there: bool,
-    /// The scheduler says that a worker has a part of it.
-    is_handed: bool,
-    /// A worker is at a unit of it.
-    is_at_work: bool,
-    /// How long there has been no worker at it.
-    idle: Option<Duration>,
-}
-
-/// What is to be done about a job that takes long.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Verdict {
-    Wait,
-    /// Its answer was lost, and its results are there.
-    Take,
-    /// It was lost.
-    Again,
-}
-
-impl Facts {
-    /// Whether the scheduler takes it for being computed, and nobody computes it. What waits for its turn is not idle.
-    fn is_idle(&self) -> bool {
-        self.is_handed && !self.is_at_work
-    }
-
-    fn verdict(&self) -> Verdict {
-        match (self.there && self.were_there, self.is_idle() && self.idle.is_some_and(|idle| idle > STALL)) {
-            (true, _) => Verdict::Take,
-            (false, true) => Verdict::Again,
-            (false, false) => Verdict::Wait,
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    #![allow(clippy::unwrap_used)]
-
-    use super::*;
-
-    #[test]
-    fn law_jobs_are_worth_their_cost_and_leave_no_core_without_work() {
-        for (task_s, all) in [(0.036, 111), (0.25, 400), (0.01, 20_000), (5.0, 60), (60.0, 3)] {
-            for cores in [1, 2, 64] {
-                let (mut waiting, mut jobs, mut first) = (all, 0, 0);
-                while waiting > 0 {
-                    let size = size(task_s, all, waiting, cores);
-                    assert!((1..=MOST_TASKS).contains(&size), "{task_s} {all} {cores}: {size}");
-                    first = if jobs == 0 { size } else { first };
-                    waiting -= size.min(waiting);
-                    jobs += 1;
-                }
-                let work_s = task_s * all as f64;
-                let cost = JOB_S * f64::from(jobs) / work_s;
-                // A job for each core is worth more than its cost where there is too little work for all.
-                let few = usize::try_from(jobs).unwrap() <= 2 * cores;
-                let largest = MOST_TASKS as f64 * task_s < JOB_S / MOST_AT_THE_END;
-                assert!(cost < 0.062 || few || largest, "{task_s} {all} {cores}: {jobs} jobs cost {cost}");
-                assert!(first <= all.div_ceil(cores), "{task_s} {all} {cores}: {first} at first");
-            }
-        }
-    }
-
-    #[test]
-    fn unit_an_answer_that_was_lost_is_taken_from_the_store_and_a_job_that_was_lost_begins_again() {
-        let work = Facts { there: false, were_there: false, is_handed: true, is_at_work: true, idle: None };
-        let late = Some(STALL + Duration::from_secs(1));
-        assert_eq!(work.verdict(), Verdict::Wait, "a unit may take hours");
-        assert_eq!(Facts { there: true, ..work }.verdict(), Verdict::Wait, "its answer may be on its way");
-        assert_eq!(Facts { there: true, were_there: true, ..work }.verdict(), Verdict::Take);
-        let idle = Facts { is_at_work: false, ..work };
-        assert!(idle.is_idle() && !work.is_idle());
-        assert_eq!(idle.verdict(), Verdict::Wait, "it may have begun just now");
-        assert_eq!(Facts { idle: late, ..idle }.verdict(), Verdict::Again);
-        let waits = Facts { is_handed: false, idle: late, ..idle };
-        assert_eq!(waits.verdict(), Verdict::Wait, "other runs have their turn");
-        assert_eq!(Facts { there: true, were_there: true, idle: late, ..idle }.verdict(), Verdict::Take);
     }
 }

@@ -1,0 +1,54 @@
+//! The number of tasks of a job.
+
+/// Overhead of a job at its worker and the scheduler, s: `pipeline/CLUSTER.md`.
+const JOB_S: f64 = 0.06;
+/// The largest overhead as a part of the work, and the same at the end of a wave, where jobs are smaller so that all cores end
+/// together.
+const MOST_BESIDE: f64 = 0.03;
+const MOST_AT_THE_END: f64 = 0.05;
+/// Time of the scheduler for a job, s; it handles one after another.
+const SCHEDULING_S: f64 = 0.02;
+/// Jobs for each core: one running, one waiting.
+pub const JOBS_A_CORE: usize = 2;
+/// The most tasks of a job.
+const MOST_TASKS: usize = 256;
+
+/// The number of tasks of the next job of a wave of `all` tasks, of which some are `waiting` and each takes `task_s` seconds. The work of
+/// a job is large beside its cost, and long enough for the scheduler to keep up with all cores. Towards the end of a wave jobs become smaller,
+/// down to the size at which their cost still is a small part of them; a wave with less work than that for each core is divided evenly.
+pub fn size(task_s: f64, all: usize, waiting: usize, cores: usize) -> usize {
+    let of = |seconds: f64| (seconds / task_s.max(1e-6)).clamp(1.0, MOST_TASKS as f64) as usize;
+    let wanted = of((JOB_S / MOST_BESIDE).max(SCHEDULING_S * cores as f64));
+    let least = of(JOB_S / MOST_AT_THE_END).min(all.div_ceil(cores));
+    wanted.min(waiting.div_ceil(JOBS_A_CORE * cores).max(least))
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+
+    #[test]
+    fn law_jobs_are_worth_their_cost_and_leave_no_core_without_work() {
+        for (task_s, all) in [(0.036, 111), (0.25, 400), (0.01, 20_000), (5.0, 60), (60.0, 3)] {
+            for cores in [1, 2, 64] {
+                let (mut waiting, mut jobs, mut first) = (all, 0, 0);
+                while waiting > 0 {
+                    let size = size(task_s, all, waiting, cores);
+                    assert!((1..=MOST_TASKS).contains(&size), "{task_s} {all} {cores}: {size}");
+                    first = if jobs == 0 { size } else { first };
+                    waiting -= size.min(waiting);
+                    jobs += 1;
+                }
+                let work_s = task_s * all as f64;
+                let cost = JOB_S * f64::from(jobs) / work_s;
+                // A job for each core is worth more than its cost where there is too little work for all.
+                let few = usize::try_from(jobs).unwrap() <= 2 * cores;
+                let largest = MOST_TASKS as f64 * task_s < JOB_S / MOST_AT_THE_END;
+                assert!(cost < 0.062 || few || largest, "{task_s} {all} {cores}: {jobs} jobs cost {cost}");
+                assert!(first <= all.div_ceil(cores), "{task_s} {all} {cores}: {first} at first");
+            }
+        }
+    }
+}
