@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use clap::Args;
-use schemas::Entry;
+use schemas::{Entry, one_line};
 use serde_json::json;
 
 use super::{SpecArgs, Stop, counted, note, say, temporary::Private, with_graph};
@@ -123,7 +123,7 @@ pub fn verify(folder: &Path) -> Result<(), Stop> {
     }
     let mut text = format!("{}: {}", folder.display(), counted(found.faults.len(), "fault"));
     for (file, why) in &found.faults {
-        text += &format!("\n  {file}: {why}");
+        text += &format!("\n  {}: {}", one_line(file), one_line(why));
     }
     Err(Stop::Failed(text))
 }

@@ -6,7 +6,7 @@ use std::{
 };
 
 use clap::Args;
-use schemas::Fault;
+use schemas::{Fault, one_line};
 
 use super::{Stop, counted, located, progress::Progress, say};
 use crate::{
@@ -185,7 +185,7 @@ pub fn verify(args: &StoreArgs) -> Result<(), Stop> {
     }
     let mut text = format!("{read}: {} not as written", found.damaged.len());
     for (path, why) in &found.damaged {
-        text += &format!("\n  {}: {why}", path.display());
+        text += &format!("\n  {}: {}", one_line(&path.to_string_lossy()), one_line(why));
     }
     text += "\nrun the specs again: what is damaged is computed and published again";
     Err(Stop::Failed(text))

@@ -6,6 +6,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use schemas::paths;
 use serde::{Deserialize, Serialize};
 
 use super::fit::{Prices, Sample};
@@ -227,7 +228,7 @@ pub fn is_whole(bytes: &[u8]) -> bool {
 
 /// The records in a file; none where it is not there or damaged: they are only a guide.
 fn read(path: &Path) -> Vec<Observation> {
-    let text = fs::read_to_string(path).unwrap_or_default();
+    let text = paths::read_regular(path).ok().and_then(|bytes| String::from_utf8(bytes).ok()).unwrap_or_default();
     let records = whole(&text);
     let records = records.and_then(|r| serde_json::from_str::<Vec<Observation>>(r).ok());
     records.unwrap_or_default().into_iter().filter(is_sound).collect()

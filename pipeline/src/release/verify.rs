@@ -239,6 +239,11 @@ fn check_file(root: &Path, table: &Table, file: &DataFile, values: &mut [Values]
 /// The documents against those that the set, with the values of its files, gives.
 fn agree(set: &Set, root: &Path, found: &mut Verified) -> Result<(), Fault> {
     for (path, wanted) in documents::all(set)? {
+        // The names of tables are parts of paths.
+        if !checksums::is_inside(&path) {
+            found.push(DICTIONARY, format!("the path `{path}` leads out of the folder"));
+            continue;
+        }
         let Ok(text) = text(root, &path) else {
             if !root.join(&path).exists() {
                 found.push(&path, "it is missing");

@@ -7,7 +7,7 @@ use std::{
     time::{Duration, SystemTime, UNIX_EPOCH},
 };
 
-use schemas::Fault;
+use schemas::{Fault, paths};
 use serde::{Deserialize, Serialize};
 
 use super::{files::walk, record};
@@ -109,7 +109,7 @@ impl Seen {
 
     /// The cached fact `key` of an unchanged file.
     pub(super) fn known(store: &Path, key: Key, path: &Path) -> Option<Seen> {
-        let seen: Seen = fs::read(note(store, key)).ok().and_then(|bytes| record::unsealed(&bytes))?;
+        let seen: Seen = paths::read_regular(&note(store, key)).ok().and_then(|bytes| record::unsealed(&bytes))?;
         seen.still_is_of(path).then_some(seen)
     }
 

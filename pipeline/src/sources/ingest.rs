@@ -2,7 +2,6 @@
 
 use std::{
     collections::{BTreeMap, VecDeque},
-    fs,
     path::{Path, PathBuf},
     sync::{
         Arc,
@@ -18,7 +17,7 @@ use rayon::prelude::*;
 use schemas::{
     Fault, Owner, Place,
     canonical::{Canonical, check_time},
-    describe_field,
+    describe_field, paths,
     plausible::Accept,
 };
 use serde::{Deserialize, Serialize};
@@ -240,7 +239,7 @@ fn index(store: &Store, file: &FlightFile, how: &How, tick: LineTick) -> Result<
     let quality = store.root().join("quality").join(key);
     let figures = quality.join("part-0.parquet");
     store.bring(&note)?;
-    let known: Option<Index> = fs::read(&note).ok().and_then(|b| record::unsealed(&b));
+    let known: Option<Index> = paths::read_regular(&note).ok().and_then(|b| record::unsealed(&b));
     file.keep(store);
     let whole =
         |i: &Index| i.lines.iter().all(|l| l.fault.is_some() || Key::parse(&l.object).is_some_and(|k| store.has(k)));

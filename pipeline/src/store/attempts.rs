@@ -17,7 +17,7 @@ use std::{
     time::Duration,
 };
 
-use schemas::Fault;
+use schemas::{Fault, paths};
 
 use super::{
     Store,
@@ -200,7 +200,7 @@ impl Store {
     fn attempts_in_folder(&self) -> impl Iterator<Item = (PathBuf, String)> {
         let files = fs::read_dir(self.root().join(FOLDER)).into_iter().flatten().flatten();
         // One that ends meanwhile is none.
-        files.filter_map(|file| Some((file.path(), fs::read_to_string(file.path()).ok()?)))
+        files.filter_map(|file| Some((file.path(), String::from_utf8(paths::read_regular(&file.path()).ok()?).ok()?)))
     }
 
     /// The attempts at some units.

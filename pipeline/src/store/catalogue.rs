@@ -10,7 +10,7 @@ use std::{
     time::UNIX_EPOCH,
 };
 
-use schemas::Fault;
+use schemas::{Fault, paths};
 
 use crate::{keys::Key, remote::each};
 
@@ -281,7 +281,7 @@ pub fn read(root: &Path, id: Key, (size, modified_ns): (u64, u64)) -> Result<Pac
 
 /// The contents of the index, if it is intact.
 fn load(root: &Path) -> Option<Vec<Pack>> {
-    parse(&fs::read(root.join("index")).ok()?)
+    parse(&paths::read_regular(&root.join("index")).ok()?)
 }
 
 /// The packs that the bytes of an index list, if they are intact.

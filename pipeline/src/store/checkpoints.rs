@@ -9,7 +9,7 @@ use std::{
     time::Duration,
 };
 
-use schemas::Fault;
+use schemas::{Fault, paths};
 
 use super::{Store, tend::is_old};
 use crate::keys::Key;
@@ -36,7 +36,7 @@ impl Store {
         let bytes = match self.remote() {
             // Another machine may have come further.
             Some(remote) => remote.bucket().get(&format!("{FOLDER}/{key}")).ok()??,
-            None => fs::read(path(self.root(), key)).ok()?,
+            None => paths::read_regular(&path(self.root(), key)).ok()?,
         };
         let (sum, state) = bytes.split_at_checked(blake3::OUT_LEN)?;
         (hash(state).as_bytes() == sum).then(|| state.to_vec())

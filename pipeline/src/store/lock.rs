@@ -26,7 +26,7 @@ use schemas::{Fault, paths};
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Store, pipeline_name,
+    Store, own_file, pipeline_name,
     remote::{Remote, RemoteLease},
     shown, trouble,
 };
@@ -74,6 +74,16 @@ impl Holder {
 
     fn sum_of(&self) -> String {
         Key::of([&self.host, &self.boot, &self.pid.to_string(), &self.since]).to_string()
+    }
+
+    /// Its checksum.
+    pub(super) fn sum(&self) -> &str {
+        &self.sum
+    }
+
+    /// Whether its checksum is right.
+    pub(super) fn is_whole(&self) -> bool {
+        self.sum == self.sum_of()
     }
 
     /// The holder in the text of a lease. Its checksum is for `verify` alone: a lease counts whoever wrote it.
@@ -176,7 +186,7 @@ fn prefix(pipeline: &str) -> String {
 
 /// Whether a file of the folder of locks verifies: a lease names its holder, and a lock is empty.
 pub(super) fn is_whole(name: &str, bytes: &[u8]) -> bool {
-    if name.contains(".lease-") { Holder::read(bytes).is_some_and(|h| h.sum == h.sum_of()) } else { bytes.is_empty() }
+    if name.contains(".lease-") { Holder::read(bytes).is_some_and(|h| h.is_whole()) } else { bytes.is_empty() }
 }
 
 /// The numbers of the leases of a pipeline, sorted.
@@ -343,8 +353,7 @@ impl Store {
         let fail = |e: &dyn fmt::Display| trouble("lock", &path, e);
         // What is there is not emptied: only the lock counts.
         let options = File::options().write(true).create(true).truncate(false).clone();
-        let lock = paths::check_no_link(self.root(), &path).and_then(|()| options.open(&path));
-        let lock = lock.map_err(|e| fail(&e))?;
+        let lock = own_file(self.root(), &path, &options).map_err(|e| fail(&e))?;
         match lock.try_lock() {
             Ok(()) => {}
             Err(fs::TryLockError::WouldBlock) => return Ok(Lock::Held(self.held(&folder, pipeline))),

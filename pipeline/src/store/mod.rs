@@ -184,7 +184,7 @@ impl Store {
         let fail = |e: io::Error| trouble("open the store", root, &e);
         fs::create_dir_all(root).map_err(fail)?;
         let mark = root.join("STORE");
-        let marked = match fs::read(&mark) {
+        let marked = match paths::read_regular(&mark) {
             Ok(bytes) if bytes == LAYOUT.as_bytes() => true,
             Ok(bytes) if is_other_layout(&bytes) => {
                 let fault = Fault::new(format!("{} is a store of another version of magline", root.display()));
@@ -205,13 +205,16 @@ impl Store {
                 return Err(fault.help("name a new or empty folder as `store`"));
             }
         }
+        // A link may lead to a folder in which nothing is to be written or removed.
         for part in PARTS {
-            fs::create_dir_all(root.join(part)).map_err(fail)?;
+            let folder = root.join(part);
+            paths::check_no_link(root, &folder).and_then(|()| fs::create_dir_all(&folder)).map_err(fail)?;
         }
         sweep(&root.join("tmp"));
         let (tmp, lock) = own_folder(&root.join("tmp")).map_err(fail)?;
-        let shared = File::create(root.join("locks").join("store")).and_then(|f| keep_lock(&f, true).map(|()| f));
-        let shared = shared.map_err(fail)?;
+        let shared = root.join("locks").join("store");
+        let shared = own_file(root, &shared, File::options().write(true).create(true).truncate(true));
+        let shared = shared.and_then(|f| keep_lock(&f, true).map(|()| f)).map_err(fail)?;
         let objects = packs(root)?;
         let store = Store { root: root.to_owned(), objects, tmp, next: AtomicU64::new(0), shared, _lock: lock };
         if !marked {
@@ -282,6 +285,9 @@ impl Store {
             remote.bucket().put_file(&key, from)?;
         }
         if let Some(folder) = to.parent() {
+            if folder.starts_with(&self.root) {
+                paths::check_no_link(&self.root, folder).map_err(fail)?;
+            }
             make_folder(folder).map_err(fail)?;
             fs::rename(from, to).map_err(fail)?;
             return sync_folder(folder).map_err(fail);
@@ -462,6 +468,20 @@ pub(crate) fn make_folder(folder: &Path) -> io::Result<()> {
         }
     }
     Ok(())
+}
+
+/// Opens a file of the store at `root` for writing.
+///
+/// # Errors
+/// Fails for a link, which may lead out of the store, for a pipe or a device, and where the file system refuses.
+pub(crate) fn own_file(root: &Path, path: &Path, options: &fs::OpenOptions) -> io::Result<File> {
+    paths::check_no_link(root, path)?;
+    match fs::symlink_metadata(path) {
+        Ok(about) if !about.is_file() => {
+            Err(io::Error::new(io::ErrorKind::InvalidInput, format!("{} is not a regular file", path.display())))
+        }
+        _ => options.open(path),
+    }
 }
 
 /// Syncs the names in a folder to the disk.

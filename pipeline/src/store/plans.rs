@@ -2,7 +2,7 @@
 
 use std::{fs, io, path::PathBuf, time::Duration};
 
-use schemas::Fault;
+use schemas::{Fault, paths};
 
 use super::{Store, shown, tend::is_old, trouble};
 use crate::keys::Key;
@@ -31,7 +31,7 @@ impl Store {
     pub fn keep_plan(&self, bytes: &[u8]) -> Result<Key, Fault> {
         let key = name_of(bytes);
         let file = self.plan_at(key);
-        if self.remote().is_none() && fs::read(&file).is_ok_and(|there| there == bytes) {
+        if self.remote().is_none() && paths::read_regular(&file).is_ok_and(|there| there == bytes) {
             return Ok(key);
         }
         self.write(&file, bytes).map(|()| key)
@@ -45,7 +45,7 @@ impl Store {
         const HELP: &str = "`magline tasks` writes it, and the tasks, again";
         let file = self.plan_at(key);
         self.bring(&file)?;
-        let bytes = fs::read(&file).map_err(|e| match e.kind() {
+        let bytes = paths::read_regular(&file).map_err(|e| match e.kind() {
             io::ErrorKind::NotFound => {
                 let what = format!("the store {} does not hold the plan {key}", shown(self.root()));
                 Fault::new(what).help(HELP)

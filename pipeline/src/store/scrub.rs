@@ -11,13 +11,11 @@ use schemas::{Fault, paths};
 use super::{
     LAYOUT, Objects, Store, catalogue, checkpoints, lock, pipeline_name, plans,
     sealed::{Trouble, verify},
+    tend::folders_of,
     trouble,
     version::{Version, newest, versions},
 };
 use crate::{cost, keys::Key, sources, views};
-
-/// Whether the file of a name and content is whole.
-type Rule<'a> = dyn Fn(&str, &[u8]) -> bool + 'a;
 
 /// The note on a damaged file that a run does not repair.
 const OLDER: &str = "; it is of an older version, which `magline gc --yes` drops";
@@ -71,7 +69,7 @@ fn read(root: &Path, objects: &Objects, tick: &(dyn Fn(usize, usize) + Sync)) ->
     // Each file, the pack that it is, and a note.
     let mut files: Vec<(PathBuf, Option<Key>, &str)> =
         packs.iter().map(|id| (objects.file(*id), Some(*id), "")).collect();
-    for pipeline in fs::read_dir(root.join("versions")).into_iter().flatten().flatten() {
+    for pipeline in folders_of(&root.join("versions")) {
         let name = pipeline.file_name();
         let Some(name) = name.to_str() else { continue };
         let now = newest(root, name);
@@ -136,27 +134,36 @@ fn small(root: &Path, found: &mut Scrubbed) -> Result<(), Fault> {
         Ok(())
     };
     check(root.join("index"), &|_, bytes| catalogue::parse(bytes).is_some())?;
-    let named = |name: &str, bytes: &[u8]| name == format!("{}.json", Key::of([bytes]));
-    let rules: [(&str, &Rule<'_>); 6] = [
-        ("sources", &|_, bytes| sources::is_whole(bytes)),
-        ("plans", &|name, bytes| match name.strip_suffix(".json") {
-            Some(pipeline) => pipeline_name(pipeline).is_ok() && sources::is_whole(bytes),
-            None => plans::is_whole(name, bytes),
-        }),
-        ("runs", &|name, bytes| match name.strip_suffix(".jsonl") {
-            Some(pipeline) => pipeline_name(pipeline).is_ok() && views::history::is_whole(bytes),
-            None => named(name, bytes),
-        }),
-        (cost::FOLDER, &|_, bytes| cost::is_whole(bytes)),
-        (checkpoints::FOLDER, &|_, bytes| checkpoints::is_whole(bytes)),
-        ("locks", &|name, bytes| lock::is_whole(name, bytes)),
-    ];
-    for (folder, is_whole) in rules {
+    for folder in SMALL {
         for file in entries(&root.join(folder)) {
-            check(file, is_whole)?;
+            check(file, &|name, bytes| is_whole(folder, name, bytes))?;
         }
     }
+    for file in entries(&root.join("locks")) {
+        check(file, &lock::is_whole)?;
+    }
     Ok(())
+}
+
+/// The folders of small files that verify themselves, in a folder and in an object store alike.
+pub(super) const SMALL: [&str; 5] = ["sources", "plans", "runs", cost::FOLDER, checkpoints::FOLDER];
+
+/// Whether the file `name` of one of the folders [`SMALL`] is as it was written.
+pub(super) fn is_whole(folder: &str, name: &str, bytes: &[u8]) -> bool {
+    match folder {
+        "sources" => sources::is_whole(bytes),
+        "plans" => match name.strip_suffix(".json") {
+            Some(pipeline) => pipeline_name(pipeline).is_ok() && sources::is_whole(bytes),
+            None => plans::is_whole(name, bytes),
+        },
+        "runs" => match name.strip_suffix(".jsonl") {
+            Some(pipeline) => pipeline_name(pipeline).is_ok() && views::history::is_whole(bytes),
+            None => name == format!("{}.json", Key::of([bytes])),
+        },
+        cost::FOLDER => cost::is_whole(bytes),
+        checkpoints::FOLDER => checkpoints::is_whole(bytes),
+        _ => true,
+    }
 }
 
 /// The entries of a folder, sorted.

@@ -6,7 +6,7 @@
 
 use std::{
     fmt::Display,
-    fs::File,
+    fs::{self, File},
     io::{self, Read, Seek, SeekFrom, Write},
     os::unix::fs::FileExt,
     path::{Path, PathBuf},
@@ -72,8 +72,11 @@ impl Trouble {
 /// reads all of it then and finds the same.
 fn doubted(path: &Path, trouble: Trouble) -> Trouble {
     if matches!(trouble, Trouble::Damaged(_)) {
-        // A read-only store stays unchanged.
-        let _ = File::options().append(true).open(path).and_then(|file| file.set_modified(SystemTime::now()));
+        // A read-only store stays unchanged, and so does the target of a link.
+        let is_link = fs::symlink_metadata(path).is_ok_and(|about| about.is_symlink());
+        if !is_link {
+            let _ = File::options().append(true).open(path).and_then(|file| file.set_modified(SystemTime::now()));
+        }
     }
     trouble
 }

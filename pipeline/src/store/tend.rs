@@ -123,7 +123,7 @@ pub fn collect(store: &Store, what: Collect) -> Result<Collected, Fault> {
     let alone = store.alone()?;
     done.busy = alone.is_none();
     let mut live: HashSet<String> = HashSet::new();
-    let entries = fs::read_dir(root.join("versions")).into_iter().flatten().flatten();
+    let entries = folders_of(&root.join("versions"));
     let mut names: Vec<String> = entries.filter_map(|e| e.file_name().into_string().ok()).collect();
     names.sort();
     for name in names {
@@ -189,6 +189,22 @@ pub fn collect(store: &Store, what: Collect) -> Result<Collected, Fault> {
         store.write_index()?;
     }
     Ok(done)
+}
+
+/// The bytes of results that `gc` would remove now; 0 while another run may use them, and for a copy of an object store,
+/// where the answer takes many requests.
+pub fn unused(store: &Store) -> u64 {
+    if store.is_copy() {
+        return 0;
+    }
+    // What cannot be looked up is reported by `gc`.
+    collect(store, Collect { keep: 1, older_than: Duration::ZERO, dry: true }).map_or(0, |found| found.bytes)
+}
+
+/// The folders in a folder; links to others are none of its own.
+pub(super) fn folders_of(folder: &Path) -> impl Iterator<Item = fs::DirEntry> + use<> {
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+    entries.filter(|entry| entry.file_type().is_ok_and(|kind| kind.is_dir()))
 }
 
 /// Removes the files that a version lists, and its folders if nothing else is in them.

@@ -17,7 +17,7 @@ use std::{
 
 use super::{
     lock::{boot, host},
-    tend::is_old,
+    tend::{folders_of, is_old},
 };
 
 /// The age at which the folder of another kernel is taken for abandoned.
@@ -75,7 +75,7 @@ pub fn own_folder(tmp: &Path) -> io::Result<(PathBuf, File)> {
 /// Removes the folders of processes of this kernel that were killed, whose locks are free, and those of another kernel that
 /// were abandoned.
 pub fn sweep(tmp: &Path) {
-    for folder in fs::read_dir(tmp).into_iter().flatten().flatten() {
+    for folder in folders_of(tmp) {
         let path = folder.path();
         let own = folder.file_name().to_str().is_some_and(|name| is_of(name, kernel()));
         let lock = File::open(path.join("lock"));

@@ -254,7 +254,11 @@ pub fn published(folder: &Path, columns: &[&str]) -> Result<Option<RecordBatch>,
 
 /// All versions of `pipeline`, oldest first.
 pub fn versions(root: &Path, pipeline: &str) -> Vec<(u64, PathBuf)> {
-    let entries = fs::read_dir(root.join("versions").join(pipeline)).into_iter().flatten().flatten();
+    let folder = root.join("versions").join(pipeline);
+    if paths::check_no_link(root, &folder).is_err() {
+        return vec![];
+    }
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
     let mut found: Vec<(u64, PathBuf)> =
         entries.filter_map(|e| Some((e.file_name().to_str()?.parse().ok()?, e.path()))).collect();
     found.sort();

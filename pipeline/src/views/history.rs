@@ -3,17 +3,17 @@
 use std::{
     collections::BTreeMap,
     fs,
-    io::Write,
+    io::{self, Write},
     path::{Path, PathBuf},
 };
 
-use schemas::Fault;
+use schemas::{Fault, paths};
 use serde::{Deserialize, Serialize};
 
 use super::{record::Snapshot, text};
 use crate::{
     keys::Key,
-    store::{Store, pipeline_name},
+    store::{Store, own_file, pipeline_name},
 };
 
 /// One run of a pipeline.
@@ -54,7 +54,7 @@ pub fn past(root: &Path, pipeline: &str) -> Vec<Past> {
     if pipeline_name(pipeline).is_err() {
         return vec![];
     }
-    let text = fs::read(file(root, pipeline)).unwrap_or_default();
+    let text = paths::read_regular(&file(root, pipeline)).unwrap_or_default();
     let lines = text.split(|b| *b == b'\n').filter_map(|line| serde_json::from_slice::<Past>(line).ok());
     lines.filter(|p| p.sum == sum_of(p)).collect()
 }
@@ -85,7 +85,7 @@ pub fn add(store: &Store, pipeline: &str, mut past_run: Past, snapshot: &Snapsho
     let text = serde_json::to_vec(&plain).map_err(|e| Fault::machine(e.to_string()))?;
     let name = format!("{}.json", Key::of([&text]));
     let kept = root.join("runs").join(&name);
-    if fs::read(&kept).ok().as_ref() != Some(&text) {
+    if paths::read_regular(&kept).ok().as_ref() != Some(&text) {
         store.write(&kept, &text)?;
     }
     past_run.number = past(root, pipeline).last().map_or(1, |p| p.number + 1);
@@ -95,26 +95,32 @@ pub fn add(store: &Store, pipeline: &str, mut past_run: Past, snapshot: &Snapsho
     // A line that a power loss truncated ends here.
     line.insert(0, b'\n');
     let path = file(root, pipeline);
-    if !path.exists() {
+    let refused = |e: io::Error| Fault::machine(format!("cannot write {}: {e}", path.display()));
+    let options = fs::File::options().create(true).append(true).clone();
+    if fs::symlink_metadata(&path).is_ok() {
+        // What a link leads to is neither written nor copied.
+        own_file(root, &path, &options).map_err(refused)?;
+    } else {
         // Its name has to come to the disk as well as its lines.
         store.write(&path, &[])?;
     }
     heal(store, pipeline, &path)?;
     if store.is_copy() {
         // An object is written as a whole.
-        let before = fs::read(&path).map_err(|e| Fault::machine(format!("cannot read {}: {e}", path.display())))?;
+        let before =
+            paths::read_regular(&path).map_err(|e| Fault::machine(format!("cannot read {}: {e}", path.display())))?;
         return store.write(&path, &[before, line].concat());
     }
-    let written = fs::File::options().create(true).append(true).open(&path).and_then(|mut f| {
+    let written = own_file(root, &path, &options).and_then(|mut f| {
         f.write_all(&line)?;
         f.sync_all()
     });
-    written.map_err(|e| Fault::machine(format!("cannot write {}: {e}", path.display())))
+    written.map_err(refused)
 }
 
 /// Writes a history anew without its damaged lines, which nothing reads; the file as it was is set aside.
 fn heal(store: &Store, pipeline: &str, path: &Path) -> Result<(), Fault> {
-    let before = fs::read(path).unwrap_or_default();
+    let before = paths::read_regular(path).unwrap_or_default();
     if is_whole(&before) {
         return Ok(());
     }
@@ -168,7 +174,7 @@ pub fn between(root: &Path, pipeline: &str, a: u64, b: u64) -> Result<String, Fa
         let no =
             || Fault::new(format!("no run {number} of `{pipeline}` is known")).nearest(&number.to_string(), &known());
         let past = all.iter().find(|p| p.number == number).ok_or_else(no)?;
-        let bytes = fs::read(root.join("runs").join(&past.snapshot));
+        let bytes = paths::read_regular(&root.join("runs").join(&past.snapshot));
         let snapshot = bytes.ok().filter(|b| format!("{}.json", Key::of([b])) == past.snapshot);
         let snapshot = snapshot.and_then(|b| serde_json::from_slice(&b).ok());
         snapshot.ok_or_else(|| Fault::machine(format!("the inputs of run {number} of `{pipeline}` are lost")))

@@ -17,7 +17,7 @@ use super::{
     super::lock::{GONE_AFTER, Held, Holder},
     Remote,
 };
-use crate::remote::Listed;
+use crate::{keys::Key, remote::Listed};
 
 /// The interval at which the holder writes its lease again.
 const BEAT: Duration = Duration::from_secs(15);
@@ -30,6 +30,27 @@ struct Said {
     cache: String,
     /// Of this lease alone.
     once: String,
+    /// A checksum of what does not change while it is held.
+    #[serde(default)]
+    sum: String,
+}
+
+impl Said {
+    fn new(cache: String) -> Said {
+        let (holder, once) = (Holder::this(), Uuid::new_v4().to_string());
+        let said = Said { holder, cache, once, sum: String::new() };
+        Said { sum: said.sum_of(), ..said }
+    }
+
+    fn sum_of(&self) -> String {
+        Key::of([self.holder.sum(), self.cache.as_str(), self.once.as_str()]).to_string()
+    }
+}
+
+/// Whether the object of a lease is as it was written.
+pub(super) fn is_lease_whole(bytes: &[u8]) -> bool {
+    let whole = |said: Said| said.holder.is_whole() && said.sum == said.sum_of();
+    serde_json::from_slice(bytes).is_ok_and(whole)
 }
 
 /// A lease in the store.
@@ -137,7 +158,7 @@ impl Remote {
                 }
             }
         }
-        let said = Said { holder: Holder::this(), cache: self.cache.clone(), once: Uuid::new_v4().to_string() };
+        let said = Said::new(self.cache.clone());
         let key = format!("{}{number}", start(pipeline));
         let made = self.bucket.create(&key, &text(&said)?)?;
         let known = self.leases(pipeline)?;

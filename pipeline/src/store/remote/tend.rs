@@ -11,11 +11,12 @@ use schemas::Fault;
 use super::{
     super::{
         Store, attempts, catalogue,
-        scrub::Scrubbed,
+        scrub::{SMALL, Scrubbed, is_whole},
         sealed::{Trouble, verify},
         tend::{Collect, Collected, packs_unknown},
     },
     Remote,
+    lease::is_lease_whole,
 };
 use crate::{
     keys::Key,
@@ -123,6 +124,7 @@ impl Remote {
             found.damaged.insert(path.into(), why.to_owned());
         }
         let named = |key: &str| format!("{}/{key}", self.bucket.address());
+        self.scrub_small(&mut found)?;
         let mut own = vec![];
         for name in self.pipelines()? {
             let newest = self.newest(&name)?;
@@ -141,15 +143,20 @@ impl Remote {
                 }
             }
         }
+        // Sealed files: packs, and tables of quality.
         let packs: Vec<Key> = store.catalogue().packs().map(|p| p.id).collect();
-        let all = packs.len() + own.len();
-        for (i, id) in packs.into_iter().enumerate() {
+        let mut sealed: Vec<(String, Option<Key>)> =
+            packs.into_iter().map(|id| (Remote::pack_key(id), Some(id))).collect();
+        sealed.extend(self.bucket.list("quality")?.into_iter().map(|o| (o.key, None)));
+        let all = sealed.len() + own.len();
+        for (i, (key, pack)) in sealed.into_iter().enumerate() {
             tick(i, all);
             let tmp = self.temporary()?;
-            let key = Remote::pack_key(id);
             if !self.bucket.fetch(&key, &tmp, None)? {
                 found.damaged.insert(named(&key).into(), "it is gone".to_owned());
-                store.catalogue_mut().remove(id);
+                if let Some(id) = pack {
+                    store.catalogue_mut().remove(id);
+                }
                 continue;
             }
             found.files += 1;
@@ -160,7 +167,9 @@ impl Remote {
                     return Err(Fault::machine(format!("cannot read {}: {why}", named(&key))));
                 }
                 Err(Trouble::Damaged(why)) => {
-                    store.set_aside(id, &why);
+                    if let Some(id) = pack {
+                        store.set_aside(id, &why);
+                    }
                     found.damaged.insert(named(&key).into(), why);
                 }
             }
@@ -185,5 +194,29 @@ impl Remote {
         }
         store.write_index()?;
         Ok(found)
+    }
+
+    /// The index, and the small objects that verify themselves.
+    fn scrub_small(&self, found: &mut Scrubbed) -> Result<(), Fault> {
+        let mut check = |key: &str, is_whole: &dyn Fn(&str, &[u8]) -> bool| -> Result<(), Fault> {
+            let Some(bytes) = self.bucket.get(key)? else { return Ok(()) };
+            found.files += 1;
+            found.bytes += bytes.len() as u64;
+            if !is_whole(key.rsplit('/').next().unwrap_or_default(), &bytes) {
+                let name = format!("{}/{key}", self.bucket.address());
+                found.damaged.insert(name.into(), "its checksum is wrong".to_owned());
+            }
+            Ok(())
+        };
+        check("index", &|_, bytes| catalogue::parse(bytes).is_some())?;
+        for folder in SMALL {
+            for object in self.bucket.list(folder)? {
+                check(&object.key, &|name, bytes| is_whole(folder, name, bytes))?;
+            }
+        }
+        for lease in self.bucket.list_flat("locks")? {
+            check(&lease.key, &|_, bytes| is_lease_whole(bytes))?;
+        }
+        Ok(())
     }
 }

@@ -553,3 +553,39 @@ fn unit_a_run_leaves_the_same_bytes_in_an_object_store() {
         assert_eq!(lab.bucket.get(name).unwrap().as_ref(), Some(bytes), "{name}");
     }
 }
+
+#[test]
+fn unit_verify_names_each_damaged_object_of_a_store() {
+    let lab = Lab::new();
+    let host = lab.host();
+    let sets = [format!("store={}", host.path().display())];
+    let spec = read_spec(Path::new("../datasets/examples/tolles_lawson.toml"), &sets).unwrap();
+    let plan = Plan::new(spec, &catalogue()).unwrap();
+    run::run(&plan, &Store::open(host.path()).unwrap(), run::Options::default(), &run::Quiet).unwrap();
+    Store::open(host.path()).unwrap().set_checkpoint(key("unit"), b"half of it").unwrap();
+    let damaged = || {
+        let fresh = lab.host();
+        let store = Store::open(fresh.path()).unwrap();
+        let found = scrub(&store, &|_, _| ()).unwrap().damaged;
+        found.into_keys().map(|path| path.display().to_string()).collect::<Vec<_>>()
+    };
+    assert_eq!(damaged(), Vec::<String>::new());
+    let all: Vec<String> = lab.bucket.list("").unwrap().into_iter().map(|o| o.key).collect();
+    for part in ["index", "objects", "sources", "quality", "versions", "plans", "runs", "costs", "checkpoints", "locks"]
+    {
+        let mut own = all.iter().filter(|name| name.split('/').next() == Some(part)).peekable();
+        assert!(own.peek().is_some(), "{part}");
+        for (i, name) in own.enumerate() {
+            let whole = lab.bucket.get(name).unwrap().unwrap();
+            lab.put(name, |bytes| {
+                let at = (i * 7919 + 13) % bytes.len();
+                bytes[at] ^= 1 << (i % 7);
+            });
+            let found = damaged();
+            assert!(found.iter().any(|path| path.ends_with(&**name)), "{name}: {found:?}");
+            lab.bucket.list("damaged").unwrap().iter().for_each(|o| lab.bucket.remove(&o.key).unwrap());
+            lab.bucket.put(name, whole).unwrap();
+        }
+    }
+    assert_eq!(damaged(), Vec::<String>::new());
+}
