@@ -223,6 +223,35 @@ fn user_lines_are_in_sample_through_other_tables() {
     assert_eq!(in_sample(&bench, "scores_again"), lines([true, false, true, true]));
 }
 
+/// The scores of all lines together, and those of two held-out lines.
+const SUMMARIES: &str = r#"
+[[stages]]
+name  = "together"
+stage = "summary"
+input = "scores"
+
+[[stages]]
+name  = "held_out"
+stage = "summary"
+input = "scores"
+where = "line like '%.02'"
+"#;
+
+#[test]
+fn user_a_summary_of_lines_in_sample_is_marked() {
+    let (bench, _, err) = ran(&(spec(&[("[0.025, 0.25, 25.0]", "[0.025]")]) + SUMMARIES));
+    let table = |name: &str| read(&bench.path("store/tables/small").join(name));
+    let (together, held_out) = (flags(&table("together"), "in_sample"), flags(&table("held_out"), "in_sample"));
+    assert!(!together.is_empty() && together.iter().all(|seen| *seen));
+    assert!(!held_out.is_empty() && held_out.iter().all(|seen| !seen));
+    assert!(err.contains("`together` pools 2 lines in sample with 2 others"), "{err}");
+    assert!(!err.contains("`held_out` pools"), "{err}");
+    // A changed `where` of the model moves the mark.
+    bench.spec(&(spec(&[("[0.025, 0.25, 25.0]", "[0.025]"), ("'%.01'", "'1.02'")]) + SUMMARIES));
+    assert_eq!(bench.run(&[]).code, 0);
+    assert!(flags(&table("held_out"), "in_sample").iter().all(|seen| *seen));
+}
+
 #[test]
 fn user_what_a_search_chose_by_is_in_sample() {
     let search = "[search]\ngoal = 'scores.std_error'\nwhere = \"line = '1.02'\"\ntrials = 3\n\
@@ -355,6 +384,54 @@ fn user_pooled_scores_are_a_table_like_the_others() {
     assert!(stderr(&taken).contains("`scores_pooled` is the table of scores pooled over lines"), "{}", stderr(&taken));
 }
 
+/// The spec of [`spec`] over flights that lack some columns, with its tables of scores.
+fn without(columns: &[&str], text: &str) -> (Bench, String, String) {
+    let bench = bench(text);
+    let fewer = |batch: RecordBatch| {
+        let schema = batch.schema();
+        let kept = schema.fields().iter().enumerate().filter(|(_, f)| !columns.contains(&f.name().as_str()));
+        batch.project(&kept.map(|(i, _)| i).collect::<Vec<_>>()).unwrap()
+    };
+    for flight in ["1", "2"] {
+        let lines =
+            [("01", 700), ("02", 500)].map(|(line, rows)| fewer(flown(flight, &format!("{flight}.{line}"), rows)));
+        write(&bench.path(&format!("flights/{flight}.parquet")), &lines);
+    }
+    let output = bench.magline(&["run", "spec.toml"]);
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    (bench, stdout(&output), stderr(&output))
+}
+
+/// The metrics of a table with their values.
+fn metrics(bench: &Bench, table: &str) -> BTreeMap<String, f64> {
+    let scores = read(&bench.path("store/tables/small").join(table));
+    texts(&scores, "metric").into_iter().zip(numbers(&scores, "value")).collect()
+}
+
+#[test]
+fn user_a_run_without_truth_is_scored_by_what_needs_none() {
+    let text = spec(&[("[0.025, 0.25, 25.0]", "[0.025]"), ("truth = \"mag_1_c\"", "")]);
+    let (bench, out, err) = without(&["mag_1_c"], &text);
+    let found = metrics(&bench, "scores_pooled");
+    for name in ["std_uncompensated", "improvement_ratio", "improvement_ratio_band", "nis", "drms"] {
+        assert!(found.get(name).is_some_and(|value| value.is_finite()), "{name}: {found:?}");
+    }
+    assert!(found.contains_key("figure_of_merit") && found.contains_key("figure_of_merit_crossings"), "{found:?}");
+    assert!(!found.contains_key("std_error") && !found.contains_key("snr"), "{found:?}");
+    assert!(out.contains("improvement_ratio"), "{out}");
+    assert!(err.contains("`scores`: not scored without `truth`: `std_error`, "), "{err}");
+    // The positions are not known either.
+    let (bench, _, err) = without(&["mag_1_c", "lat", "lon", "alt", "vn", "ve", "vd"], &text);
+    let found = metrics(&bench, "scores_pooled");
+    assert!(found["improvement_ratio"].is_finite() && found["nis"].is_finite(), "{found:?}");
+    assert!(!found.contains_key("drms") && !found.contains_key("figure_of_merit_crossings"), "{found:?}");
+    let positions = err.lines().find(|l| l.contains("not scored without true positions `lat` and `lon`: "));
+    assert!(positions.is_some_and(|l| l.contains("`drms`") && l.contains("`figure_of_merit_crossings`")), "{err}");
+    // With a truth nothing is noted.
+    let (_, _, err) = ran(&spec(&[("[0.025, 0.25, 25.0]", "[0.025]")]));
+    assert!(!err.contains("not scored"), "{err}");
+}
+
 /// The two queries of the README for the scores of `osborne`.
 #[test]
 fn user_the_readme_asks_the_pooled_table() {
@@ -362,5 +439,8 @@ fn user_the_readme_asks_the_pooled_table() {
     let asked: Vec<&str> = text.lines().filter(|l| l.contains("store/tables/osborne/scores")).collect();
     assert_eq!(asked.len(), 2, "{asked:?}");
     assert!(asked.iter().all(|line| line.contains("osborne/scores_pooled/")), "{asked:?}");
-    assert!(!text.contains("avg(value)") && !text.contains("aggregate_function=\"mean\""));
+    let served = fs::read_to_string(crate::support::repository().join("pipeline/SERVE.md")).unwrap();
+    for text in [text, served] {
+        assert!(!text.contains("avg(value)") && !text.contains("aggregate_function=\"mean\""));
+    }
 }

@@ -292,6 +292,30 @@ fn r11_tables_change_together_and_a_reader_keeps_what_it_opened() {
 }
 
 #[test]
+fn user_a_run_reports_the_bytes_that_gc_would_free() {
+    let bench = Bench::of_many_lines();
+    assert_eq!(bench.run(&[]).last["unused_bytes"], 0);
+    let sizes =
+        || files(&bench.path("store/objects")).iter().map(|file| fs::metadata(file).unwrap().len()).sum::<u64>();
+    let before = sizes();
+    // One of two values is replaced.
+    let changed = ["--set", "axes.lambda=[0.0, 0.5]"];
+    let output = bench.magline(&["run", "spec.toml", changed[0], changed[1]]);
+    assert!(output.status.success(), "{}", stderr(&output));
+    let written = sizes() - before;
+    let unused = bench.run(&changed).last["unused_bytes"].as_u64().unwrap();
+    assert!(unused > 1 << 20 && unused <= written, "{unused} of {written}");
+    let note = format!("note: {:.1} MB of earlier results are no longer used; `magline gc --yes`", unused as f64 / 1e6);
+    assert!(stderr(&output).contains(&note), "{note}: {}", stderr(&output));
+    let before = sizes();
+    assert!(bench.magline(&["gc", "--yes"]).status.success());
+    assert_eq!(before - sizes(), unused);
+    let output = bench.magline(&["run", "spec.toml", changed[0], changed[1]]);
+    assert!(!stderr(&output).contains("no longer used"), "{}", stderr(&output));
+    assert_eq!(bench.run(&changed).last["unused_bytes"], 0);
+}
+
+#[test]
 fn r11_tables_are_listed_and_removed() {
     let bench = ran();
     let listed = stdout(&bench.magline(&["ls", "--store", "store"]));

@@ -67,7 +67,7 @@ stage! {
     /// lines are pooled.
     ///
     /// With `truth` the errors are against it; without, `std_uncompensated` and the ratios are those of the signals
-    /// themselves, geology and all.
+    /// themselves, geology and all. The run notes which metrics lack nothing but a truth.
     ///
     /// With a table of `map_value` the map is scored: how well the signal less `igrf` (and `diurnal`, where there is one)
     /// follows it, how steep it is along the track, and what can be expected of navigating by it. `map_position_bound` is
@@ -115,6 +115,23 @@ impl Score {
     /// What a metric lacks, in words.
     fn lacks(&self, places: &Places, scorer: &Scorer) -> Option<String> {
         scorer.needs.iter().find(|s| places.get(**s).is_none()).map(|s| s.words(self))
+    }
+
+    /// Notes on the metrics that lack nothing but a truth.
+    fn not_scored(&self, places: &Places) -> Vec<String> {
+        let is_missing = |source: &&Source| places.get(**source).is_none();
+        let lacks_truth_alone = |scorer: &&&Scorer| scorer.needs.iter().filter(is_missing).all(|s| s.is_truth());
+        let mut notes = vec![];
+        for truth in Source::TRUTHS.iter().filter(is_missing) {
+            let lacks_it_first = |scorer: &&&Scorer| scorer.needs.iter().find(is_missing) == Some(truth);
+            let found = self.metrics.wanted().collect::<Vec<_>>();
+            let found = found.iter().filter(lacks_it_first).filter(lacks_truth_alone);
+            let names: Vec<String> = found.map(|scorer| format!("`{}`", scorer.metric.name)).collect();
+            if !names.is_empty() {
+                notes.push(format!("not scored without {}: {}", truth.words(self), names.join(", ")));
+            }
+        }
+        notes
     }
 
     /// The metrics that are wanted and can be had.
@@ -191,7 +208,7 @@ impl Stage for Score {
             rate_hz: None,
             features: vec![],
             lenient: false,
-            notes: vec![],
+            notes: self.not_scored(&places),
         })
     }
 }

@@ -27,6 +27,9 @@ stage! {
     /// `r95` are the radii of all samples together; numbers of samples are added. The interval is that of percentiles over `draws` resamples of whole lines with replacement: the
     /// samples of a line err together, so they are no independent evidence. One line alone has no interval (null).
     ///
+    /// Lines in sample are pooled with the others: where there is one, `in_sample` of the published table is true and the run
+    /// notes it. A `where` on `line` selects the lines to pool; `scores_pooled` pools both apart.
+    ///
     /// With `train`, the lines that the model was fitted on, there is one more metric: `overfitting_ratio`, the pooled
     /// `std_error` (without it, the rms of `map_std_error`) of all other lines over that of these; 1 for a model that is
     /// as good on new lines as on its own, more for one that overfits. In its resamples training lines and

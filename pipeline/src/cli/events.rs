@@ -122,6 +122,7 @@ impl Json {
             "quality": summary.quality,
             "left": summary.left,
             "compared": summary.compared.iter().map(compared).collect::<Vec<_>>(),
+            "unused_bytes": summary.unused,
             "interrupted": summary.interrupted,
         })
     }

@@ -1,6 +1,6 @@
 //! `magline run` and `magline compact`.
 
-use std::{sync::atomic::Ordering, time::Duration};
+use std::sync::atomic::Ordering;
 
 use clap::Args;
 use schemas::{Entry, Fault};
@@ -14,10 +14,7 @@ use crate::{
     read_spec,
     run::{Engine, Event, Listener, Options, Summary, again, said_once, search},
     spec::Faults,
-    store::{
-        self,
-        tend::{Collect, collect},
-    },
+    store,
     views::{self, score_table, scores, warnings},
 };
 
@@ -67,7 +64,7 @@ Events of --json, one object per line, each with the key `event`:
   finished    computed, reused, failed, skipped; version, run, time, seconds, folder; tables (the same counts and the \
 seconds of each); failures; notes; warnings (stage, axes, flight, line, kind, value, limit, unit, text, cause); scores \
 (stage, axes, lines, marked, metrics: pooled over the lines, null where there is none); left (tables that --until left \
-as they were), compared (of --force: table, units, differ); interrupted
+as they were), compared (of --force: table, units, differ); unused_bytes (of earlier results, which gc removes); interrupted
 
 Exit status: 0 all is there; 1 something failed, the rest is kept; 2 the spec, an argument or an input is wrong, nothing \
 was run; 3 another run of the pipeline has the lock; 4 stopped by --max-time; 130 interrupted. After 4 and 130 the same \
@@ -93,18 +90,14 @@ pub fn run(catalogue: &[Entry], args: &RunArgs, compact: bool) -> Result<(), Sto
     done
 }
 
-/// Notes what `gc` would free of the store, where that is worth it.
-fn unused(store: &store::Store) {
-    const WORTH: u64 = 1 << 20;
-    let all = Collect { keep: 1, older_than: Duration::ZERO, dry: true };
-    // What cannot be looked up is reported by `gc`.
-    if let Ok(found) = collect(store, all)
-        && found.bytes >= WORTH
-        && !store.is_copy()
-    {
-        let bytes = tend::bytes(found.bytes);
-        note(&format!("{bytes} of earlier results are no longer used; `magline gc --yes` removes them"));
-    }
+/// The least number of bytes of unused results that a note is worth.
+const WORTH_A_NOTE: u64 = 1 << 20;
+
+/// The note on results that `gc` would remove.
+fn unused(bytes: u64) -> Option<String> {
+    let size = tend::bytes(bytes);
+    (bytes >= WORTH_A_NOTE)
+        .then(|| format!("{size} of earlier results are no longer used; `magline gc --yes` removes them"))
 }
 
 /// A run that has come to an end, and what its user is told of it.
@@ -156,7 +149,6 @@ fn ran(
         pool.install(|| run(&progress))?
     };
     drop(limit);
-    unused(&store);
     if !args.json {
         conclude(&plan, &summary, args.quiet)?;
     }
@@ -171,7 +163,7 @@ fn conclude(plan: &Plan, summary: &Summary, quiet: bool) -> Result<(), Stop> {
         warned.last().into_iter().for_each(|line| tell(&format!("warning: {line}")));
         return Ok(());
     }
-    for text in &summary.notes {
+    for text in summary.notes.iter().chain(&unused(summary.unused)) {
         note(text);
     }
     say(table_of(summary))?;

@@ -203,7 +203,7 @@ impl Builder<'_> {
     /// An axis column must not hide another column.
     fn axis_columns(&mut self, node: &TableNode) {
         for axis in node.axes.iter().filter_map(|i| self.spec.axes.get(*i)) {
-            if axis.name == IN_SAMPLE && node.has_in_sample() {
+            if axis.name == IN_SAMPLE && node.in_sample_meaning().is_some() {
                 let what = format!("the axis `{}` has the name of a column of `{}`", axis.name, node.name);
                 self.faults.push(Fault::new(what).at(axis.at.clone()).help("rename the axis"));
             }

@@ -7,6 +7,7 @@ mod axes;
 mod build;
 mod builder;
 mod carry;
+mod graph;
 mod grid;
 mod inputs;
 mod keys;
@@ -22,13 +23,13 @@ use std::collections::BTreeSet;
 
 use schemas::{Entry, Fault, metric::Metric};
 
+pub use graph::{Graph, Origin, Unit};
 pub use grid::{Grid, Point};
-pub use keys::{Graph, Origin, Unit};
 pub use lines::LineId;
 pub use node::{Instance, TableNode, Variant};
 pub use recorded::Recorded;
 pub use search::Goal;
-pub use seen::{IN_SAMPLE, IN_SAMPLE_MEANING, Seen};
+pub use seen::{IN_SAMPLE, InSample, Seen};
 
 use crate::{
     sources::{Flights, MapSource},

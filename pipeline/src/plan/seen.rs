@@ -1,27 +1,82 @@
 //! The lines that the models, noises, maps and choices behind a score saw.
 
 use std::{
-    collections::{BTreeSet, HashMap},
+    collections::{BTreeMap, BTreeSet, HashMap, btree_map::Entry},
     sync::Arc,
 };
 
-use schemas::{Fault, Grain, TableKind};
+use schemas::{Fault, Grain, InputKind, TableKind};
 
-use super::{Graph, LineId, Ref, TableNode};
+use super::{Graph, LineId, Ref, TableNode, Unit};
 
 /// The column of a published table of scores that holds whether the line was seen.
 pub const IN_SAMPLE: &str = "in_sample";
 
-/// The meaning of that column.
-pub const IN_SAMPLE_MEANING: &str =
-    "whether a model, noise or map behind the score was made from this line, or a search chose by it";
-
 impl TableNode {
-    /// Whether its published table has the column [`IN_SAMPLE`]: scores of lines.
-    pub fn has_in_sample(&self) -> bool {
-        let of_lines = self.entry.yields == TableKind::Scores && self.entry.grain == Grain::Line;
-        of_lines && self.variants.iter().all(|v| v.makes(IN_SAMPLE).is_none())
+    /// The meaning of the column [`IN_SAMPLE`] of its published table, which tables of scores of lines and those that pool
+    /// them have; `None` for others.
+    pub fn in_sample_meaning(&self) -> Option<&'static str> {
+        let meaning = match self.entry.grain {
+            Grain::Line if self.entry.yields == TableKind::Scores => {
+                "whether a model, noise or map behind the score was made from this line, or a search chose by it"
+            }
+            Grain::Survey if self.slots.iter().any(|slot| slot.kind == InputKind::Scores) => {
+                "whether a line behind the figure is in sample: a model, noise or map saw it, or a search chose by it"
+            }
+            Grain::Line | Grain::Survey | Grain::Map => return None,
+        };
+        self.variants.iter().all(|v| v.makes(IN_SAMPLE).is_none()).then_some(meaning)
     }
+}
+
+/// The column [`IN_SAMPLE`] of one table.
+pub struct InSample<'a> {
+    graph: &'a Graph<'a>,
+    /// What the points of each table of scores saw.
+    seen: BTreeMap<usize, Seen>,
+}
+
+impl<'a> InSample<'a> {
+    /// Of the table `t`; `None` where it has no such column.
+    ///
+    /// # Errors
+    /// Fails when the goal of the search selects no line.
+    pub fn new(graph: &'a Graph<'a>, t: usize) -> Result<Option<InSample<'a>>, Fault> {
+        let node = &graph.plan.tables[t];
+        if node.in_sample_meaning().is_none() {
+            return Ok(None);
+        }
+        let mut seen = BTreeMap::new();
+        for scores in (0..node.len()).filter_map(|i| scores_of(graph, t, i)).map(|(scores, _)| scores) {
+            if let Entry::Vacant(new) = seen.entry(scores) {
+                new.insert(Seen::new(graph, scores)?);
+            }
+        }
+        Ok(Some(InSample { graph, seen }))
+    }
+
+    /// The number of lines in sample behind the rows of a unit, and of all.
+    pub fn lines(&self, unit: Unit) -> (usize, usize) {
+        let Some((scores, point)) = scores_of(self.graph, unit.table, unit.instance) else { return (0, 0) };
+        let all: &[LineId] = match &unit.line {
+            Some(line) => std::slice::from_ref(line),
+            None => self.graph.lines_of(unit.table, unit.instance),
+        };
+        let seen = self.seen.get(&scores);
+        (all.iter().filter(|line| seen.is_some_and(|s| s.has(point, **line))).count(), all.len())
+    }
+}
+
+/// The table of scores of a point, and the point there: the table itself, or what a pooling stage pools.
+fn scores_of(graph: &Graph, t: usize, i: usize) -> Option<(usize, usize)> {
+    let node = &graph.plan.tables[t];
+    if node.entry.grain == Grain::Line {
+        return Some((t, i));
+    }
+    node.inputs(i).find_map(|(kind, r)| match r {
+        Ref::Stage(t, i) if kind == InputKind::Scores => Some((t, i)),
+        _ => None,
+    })
 }
 
 /// The lines that each point of one table saw, sorted.

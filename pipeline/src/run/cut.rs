@@ -11,7 +11,7 @@ use super::held::Held;
 use crate::{
     casting::cast,
     keys::Key,
-    plan::{Graph, IN_SAMPLE, IN_SAMPLE_MEANING, Ref, Seen, Unit},
+    plan::{Graph, IN_SAMPLE, InSample, Ref, Unit},
     store::{Packed, row_bytes},
 };
 
@@ -28,8 +28,8 @@ pub struct Cut<'a> {
     pub kind: Key,
     /// Columns that are not made at every point: `tt` and what is carried.
     passed: Vec<String>,
-    /// The lines that were seen, in a table of scores, for the column [`IN_SAMPLE`].
-    seen: Option<Seen>,
+    /// The column [`IN_SAMPLE`], in a table of scores or of pooled scores.
+    in_sample: Option<InSample<'a>>,
 }
 
 impl<'a> Cut<'a> {
@@ -69,9 +69,9 @@ impl<'a> Cut<'a> {
             let types = if makers.is_empty() { node.columns_named(&column.name) } else { makers };
             fields.push(one_type(&column, &types)?);
         }
-        let seen = if node.has_in_sample() { Some(Seen::new(graph, table)?) } else { None };
-        if seen.is_some() {
-            fields.push(field(IN_SAMPLE, DataType::Boolean, "", Role::Key, IN_SAMPLE_MEANING));
+        let in_sample = InSample::new(graph, table)?;
+        if let Some(meaning) = node.in_sample_meaning() {
+            fields.push(field(IN_SAMPLE, DataType::Boolean, "", Role::Key, meaning));
         }
         let schema: SchemaRef = Arc::new(Schema::new(fields));
         let spelt = schema.fields().iter().flat_map(|f| {
@@ -81,7 +81,7 @@ impl<'a> Cut<'a> {
         });
         let stage = [node.entry.name.to_owned(), node.entry.version.to_string()];
         let kind = Key::of(stage.into_iter().chain(spelt));
-        Ok(Cut { graph, table, schema, kind, passed, seen })
+        Ok(Cut { graph, table, schema, kind, passed, in_sample })
     }
 
     /// The estimated memory of a unit, in bytes, before it is computed.
@@ -104,9 +104,9 @@ impl<'a> Cut<'a> {
         rows * row_bytes(&self.schema)
     }
 
-    /// Whether a score was made with the help of its own line; `None` for other tables.
+    /// Whether a line behind the rows of a unit is in sample; `None` for tables without scores.
     fn in_sample(&self, unit: Unit) -> Option<bool> {
-        Some(self.seen.as_ref()?.has(unit.instance, unit.line?))
+        self.in_sample.as_ref().map(|column| column.lines(unit).0 > 0)
     }
 
     /// A hash of the columns of a unit's rows that its stage did not make.

@@ -2,7 +2,9 @@
 
 use schemas::{Fault, Owner};
 
-use super::{Count, Options, Quiet, Runner, engine::Pace, recorded, table::Handed, task::Task, trials, work::Worker};
+use super::{
+    Count, Options, Quiet, engine::Pace, recorded, runner::Runner, table::Handed, task::Task, trials, work::Worker,
+};
 use crate::{
     plan::{Graph, Plan},
     sources::ReadStep,

@@ -18,6 +18,7 @@ mod processes;
 mod publish;
 mod quality;
 mod remote;
+mod runner;
 mod search;
 mod states;
 mod table;
@@ -26,9 +27,9 @@ mod trials;
 mod until;
 mod work;
 
-use std::{cell::OnceCell, collections::HashMap, sync::atomic::Ordering, time::Instant};
+use std::{sync::atomic::Ordering, time::Instant};
 
-use schemas::{Fault, InputKind};
+use schemas::Fault;
 
 pub use again::{Compared, again};
 pub use engine::{Engine, Local, Pace, Wave};
@@ -45,17 +46,18 @@ pub use trials::{Tick, foreseen, settled};
 
 pub(crate) use cut::Cut;
 pub(crate) use layout::Layout;
-use states::{State, States};
+use runner::Runner;
+use states::State;
 use work::Worker;
 
 use crate::{
     clock,
-    cost::{Rates, Watch},
+    cost::Watch,
     keys::Key,
-    plan::{Graph, LineId, Plan, Recorded, Ref, Unit},
+    plan::{Graph, Plan, Recorded, Unit},
     sources::ReadStep,
     spec::{Course, Faults, Row, Scored, best},
-    store::{Publisher, Store, attempts::Tries, current},
+    store::{Publisher, Store, current, tend},
     views::{
         self,
         history::{self, Past},
@@ -95,6 +97,8 @@ pub struct Summary {
     pub left: Vec<String>,
     /// What came of computing again what was there.
     pub compared: Vec<Compared>,
+    /// The bytes of earlier results that `gc` would remove.
+    pub unused: u64,
 }
 
 impl Summary {
@@ -203,6 +207,9 @@ fn healed(
     summary.notes.extend(store.damaged().into_iter().map(healed));
     if let Err(fault) = store.write_index() {
         summary.failures.push(unpublished(fault));
+    }
+    if pass.last {
+        summary.unused = tend::unused(store);
     }
     Ok(summary)
 }
@@ -323,6 +330,7 @@ fn once(
     let mut notes: Vec<String> = plan.notes.iter().cloned().chain(asked.note(plan).filter(|_| !interrupted)).collect();
     if !scores.is_empty() {
         notes.extend(pooled::repeats(&graph));
+        notes.extend(pooled::mixed(&graph).unwrap_or_default());
     }
     for (name, found) in &scores {
         notes.extend(found.at_edges().into_iter().map(|text| format!("`{name}`: {text}")));
@@ -342,6 +350,7 @@ fn once(
         folder,
         left,
         compared: vec![],
+        unused: 0,
     })
 }
 
@@ -362,217 +371,4 @@ pub fn run_id(graph: &Graph) -> String {
         parts.extend(graph.units(t).map(key));
     }
     Key::of(parts).to_string().chars().take(16).collect()
-}
-
-struct Runner<'a> {
-    graph: &'a Graph<'a>,
-    store: &'a Store,
-    listener: &'a dyn Listener,
-    options: Options<'a>,
-    engine: &'a dyn Engine,
-    worker: &'a Worker<'a>,
-    /// The plan in the store, where the engine needs one.
-    recorded: Option<Key>,
-    /// Whether units are computed by other processes.
-    abroad: bool,
-    /// The attempts at units that have no answer.
-    attempts: HashMap<Key, Tries>,
-    /// What units take, once that is asked for.
-    rates: OnceCell<Rates>,
-    states: States<'a>,
-    /// The failures, each with its unit.
-    failures: Vec<(Option<Unit>, Failure)>,
-    seconds: Vec<(usize, f64)>,
-}
-
-impl<'a> Runner<'a> {
-    fn new(
-        worker: &'a Worker<'a>,
-        listener: &'a dyn Listener,
-        options: Options<'a>,
-        recorded: Option<Key>,
-    ) -> Runner<'a> {
-        let (graph, store) = (worker.graph(), worker.store());
-        Runner {
-            graph,
-            store,
-            listener,
-            options,
-            engine: options.engine,
-            worker,
-            recorded,
-            abroad: !options.engine.is_local(),
-            attempts: store.attempts(),
-            rates: OnceCell::new(),
-            states: States::new(graph),
-            failures: vec![],
-            seconds: vec![],
-        }
-    }
-
-    /// Lines that cannot be used.
-    fn sources(&mut self) {
-        for (flights, records) in self.graph.plan.flights.iter().zip(&self.graph.records) {
-            for record in records.values() {
-                for fault in record.fault.iter().chain(&record.more_faults) {
-                    let line = Some((record.flight.clone(), record.line.clone()));
-                    let (table, fault) = (flights.name.clone(), fault.clone());
-                    self.failures.push((None, Failure { table, point: Default::default(), line, fault }));
-                }
-            }
-        }
-    }
-
-    fn note(&mut self, unit: Unit, state: State, outcome: Outcome, fault: Option<&Fault>) {
-        self.states.set(unit, state);
-        tell(self.listener, self.graph, unit, outcome, fault);
-    }
-
-    fn fail(&mut self, unit: Unit, fault: Fault) {
-        tell(self.listener, self.graph, unit, Outcome::Failed, Some(&fault));
-        self.record(unit, fault);
-    }
-
-    /// Lists the lines that a survey stage skipped.
-    fn left_out(&mut self, unit: Unit, faults: Vec<Fault>) {
-        let node = &self.graph.plan.tables[unit.table];
-        let point = self.graph.plan.instance(unit.table, unit.instance).point();
-        self.failures.extend(faults.into_iter().map(|fault| {
-            let line = fault.place.flight.clone().zip(fault.place.line.clone());
-            (Some(unit), Failure { table: node.name.clone(), point: point.clone(), line, fault })
-        }));
-    }
-
-    /// The same for a reused result.
-    fn went_on_without(&mut self, unit: Unit, key: Key) {
-        if unit.line.is_some() {
-            return;
-        }
-        match self.store.remarks(key) {
-            Ok(remarks) => self.left_out(unit, remarks.left_out),
-            Err(fault) => self.record(unit, fault),
-        }
-    }
-
-    fn record(&mut self, unit: Unit, fault: Fault) {
-        let state = if fault.owner.is_lasting() { State::Failed } else { State::Missing };
-        self.states.set(unit, state);
-        let node = &self.graph.plan.tables[unit.table];
-        let line = unit.line.map(|l| self.graph.lines[l].clone());
-        let point = self.graph.plan.instance(unit.table, unit.instance).point();
-        self.failures.push((Some(unit), Failure { table: node.name.clone(), point, line, fault }));
-    }
-
-    /// Whether a unit is not tried again. In this process one is that did not kill its workers.
-    fn is_given_up(&self, tries: &Tries) -> bool {
-        let counted = if self.abroad { tries.all() } else { tries.lost };
-        counted > self.options.retries
-    }
-
-    /// The first of what a unit is made from that is not there.
-    fn missing_input(&self, unit: Unit) -> Option<Ref> {
-        let plan = self.graph.plan;
-        let it = plan.instance(unit.table, unit.instance);
-        let missing = |(kind, r): &(InputKind, Ref)| {
-            let there = match (kind.is_by_line(), unit.line) {
-                _ if kind.is_record() => self.record_state(*r),
-                // A fit looks at its lines one by one and goes on without those that failed.
-                (true, None) => self.survey_state(unit),
-                (true, line) => self.state(*r, line),
-                (false, _) => self.state(*r, None),
-            };
-            there != State::Done
-        };
-        it.kinds().into_iter().zip(it.inputs()).find(missing).map(|(_, r)| r)
-    }
-
-    /// A record is there when all its lines are, and has one at least.
-    fn record_state(&self, r: Ref) -> State {
-        let lines = self.graph.lines_in(r);
-        let states: Vec<State> = lines.iter().map(|line| self.root_state(r, *line)).collect();
-        if states.is_empty() {
-            return State::Failed;
-        }
-        *states.iter().find(|state| **state != State::Done).unwrap_or(&State::Done)
-    }
-
-    /// Whether a unit must be computed, is available, or cannot be computed.
-    fn look(&self, unit: Unit) -> Looked {
-        if let Some(r) = self.missing_input(unit) {
-            return Looked::Skip(r);
-        }
-        match self.graph.key(unit) {
-            Ok(key) => match self.store.find(key).map(|place| place.rows) {
-                Some(Some(_)) => Looked::Have(key),
-                Some(None) => match self.store.failed(key) {
-                    Ok(Some(fault)) => Looked::Failed(key, fault),
-                    Ok(None) => Looked::Need(key),
-                    Err(fault) => Looked::Fault(fault),
-                },
-                None => match self.attempts.get(&key).filter(|tries| self.is_given_up(tries)) {
-                    Some(tries) => Looked::Fault(remote::given_up(tries)),
-                    None => Looked::Need(key),
-                },
-            },
-            Err(fault) => Looked::Fault(fault),
-        }
-    }
-
-    /// A survey stage waits for lines that the machine failed on, and needs at least one that is available.
-    fn survey_state(&self, unit: Unit) -> State {
-        let lines = self.graph.lines_of(unit.table, unit.instance);
-        let states: Vec<State> = lines.iter().map(|l| self.line_is_there(*l, unit)).collect();
-        if states.contains(&State::Missing) {
-            return State::Missing;
-        }
-        if states.contains(&State::Done) { State::Done } else { State::Missing }
-    }
-
-    /// The state of `line` in all line inputs of `unit`.
-    fn line_is_there(&self, line: LineId, unit: Unit) -> State {
-        let it = self.graph.plan.instance(unit.table, unit.instance);
-        let inputs = self.graph.line_inputs(&it);
-        let states: Vec<State> = inputs.iter().map(|(_, r)| self.root_state(*r, line)).collect();
-        *states.iter().find(|s| **s != State::Done).unwrap_or(&State::Done)
-    }
-
-    /// The state of a line, with a failure further up counted as a failure, not as a gap.
-    fn root_state(&self, r: Ref, line: LineId) -> State {
-        let own = self.state(r, Some(line));
-        if own != State::Missing {
-            return own;
-        }
-        let Ref::Stage(t, i) = r else { return own };
-        let it = self.graph.plan.instance(t, i);
-        let up: Vec<State> = self.graph.line_inputs(&it).iter().map(|(_, r)| self.root_state(*r, line)).collect();
-        if up.contains(&State::Failed) && !up.contains(&State::Missing) { State::Failed } else { State::Missing }
-    }
-
-    fn state(&self, r: Ref, line: Option<LineId>) -> State {
-        match r {
-            Ref::Map(_) => State::Done,
-            Ref::Flights(i) => match line.and_then(|l| self.graph.records[i].get(&l)) {
-                Some(record) if record.fault.is_none() => State::Done,
-                _ => State::Failed,
-            },
-            Ref::Stage(table, instance) => self.states.get(Unit { table, instance, line }),
-        }
-    }
-}
-
-enum Looked {
-    Have(Key),
-    /// It failed before, because of the data.
-    Failed(Key, Fault),
-    Need(Key),
-    /// It is made from something that is not there.
-    Skip(Ref),
-    Fault(Fault),
-}
-
-fn tell(listener: &dyn Listener, graph: &Graph, unit: Unit, outcome: Outcome, fault: Option<&Fault>) {
-    let node = &graph.plan.tables[unit.table];
-    let line = unit.line.map(|l| &graph.lines[l]);
-    let point = &graph.plan.instance(unit.table, unit.instance).point();
-    listener.hear(&Event::Unit { table: &node.name, point, line, outcome, fault });
 }

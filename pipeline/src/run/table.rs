@@ -8,12 +8,13 @@ use std::{
 use schemas::{Fault, Grain};
 
 use super::{
-    Looked, Outcome, Runner, State,
+    Outcome, State,
     cut::Cut,
     engine::{Engine, Local, Wave},
     layout::{Cover, Layout, cover, scattered},
+    runner::{Looked, Runner, tell},
     task::{Task, TaskUnit},
-    tell, unpublished,
+    unpublished,
 };
 use crate::{
     cost::Rates,

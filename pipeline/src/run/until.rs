@@ -2,7 +2,7 @@
 
 use schemas::Grain;
 
-use super::{Looked, Runner};
+use super::runner::{Looked, Runner};
 use crate::plan::{Plan, Ref, Unit};
 
 /// The tables that a run up to one table is asked for.

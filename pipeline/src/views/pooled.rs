@@ -10,14 +10,14 @@ use arrow_array::{
 };
 use rayon::prelude::*;
 use schemas::{
-    Fault, Literal,
+    Fault, Grain, Literal,
     metric::{Metric, Weighed},
 };
 use stages::score::{SPREAD, spread_at};
 
 use super::scores::Values;
 use crate::{
-    plan::{Graph, IN_SAMPLE, Plan, Seen, TableNode, Unit},
+    plan::{Graph, IN_SAMPLE, InSample, Plan, Seen, TableNode, Unit},
     spec::{Axis, Spec},
     store::{Store, published},
 };
@@ -275,6 +275,27 @@ impl Side {
             own.iter().zip(&self.axes).map(|(word, axis)| axis.position(word)).collect::<Option<_>>()?;
         if let [one] = places.as_slice() { Some(*one) } else { self.together.get(&places).copied() }
     }
+}
+
+/// A note for each table that pools lines in sample with others.
+///
+/// # Errors
+/// Fails when the goal of the search selects no line.
+pub fn mixed(graph: &Graph) -> Result<Vec<String>, Fault> {
+    let mut notes = vec![];
+    for (t, node) in graph.plan.tables.iter().enumerate().filter(|(_, node)| node.entry.grain == Grain::Survey) {
+        let Some(in_sample) = InSample::new(graph, t)? else { continue };
+        let most = graph.units(t).map(|unit| in_sample.lines(unit)).filter(|(seen, all)| 0 < *seen && seen < all).max();
+        if let Some((seen, all)) = most {
+            notes.push(format!(
+                "`{}` pools {seen} lines in sample with {} others: its column `in_sample` is true; a `where` on `line` \
+                 selects lines, and `{TABLE}` pools both apart",
+                node.name,
+                all - seen
+            ));
+        }
+    }
+    Ok(notes)
 }
 
 /// A note for each table of scores with points that are the same computation: they differ in an axis that has no effect

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     keys::Key,
-    plan::{Graph, IN_SAMPLE, IN_SAMPLE_MEANING, Instance, Plan, Ref, TableNode},
+    plan::{Graph, IN_SAMPLE, Instance, Plan, Ref, TableNode},
     remote::cache,
     sources,
     spec::{Spec, publish::Restricted},
@@ -131,7 +131,7 @@ pub fn record(graph: &Graph, store: &Store, costs: &[(usize, f64)], left: &[usiz
     let snapshot = Snapshot { pipeline, spec, made_by, seed: plan.spec.seed, sources, tables };
     let text = sources::sealed(&snapshot)?;
     let file = store.root().join("plans").join(format!("{}.json", plan.spec.name));
-    if std::fs::read(&file).ok().as_ref() != Some(&text) {
+    if paths::read_regular(&file).ok().as_ref() != Some(&text) {
         store.write(&file, &text)?;
     }
     Ok(snapshot)
@@ -218,14 +218,14 @@ pub fn columns(plan: &Plan, t: usize, node: &TableNode) -> Vec<SnapshotColumn> {
         };
         SnapshotColumn { name: c.name, kind, unit: c.unit, doc: c.doc, from }
     });
-    let in_sample = SnapshotColumn {
+    let in_sample = node.in_sample_meaning().map(|meaning| SnapshotColumn {
         name: IN_SAMPLE.to_owned(),
         kind: "Boolean".to_owned(),
         unit: String::new(),
-        doc: IN_SAMPLE_MEANING.to_owned(),
+        doc: meaning.to_owned(),
         from: vec![],
-    };
-    described.chain(node.has_in_sample().then_some(in_sample)).collect()
+    });
+    described.chain(in_sample).collect()
 }
 
 fn made_from(plan: &Plan, it: &Instance, name: &str) -> Vec<(String, String)> {

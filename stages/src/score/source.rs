@@ -86,6 +86,14 @@ impl Source {
         Source::Gnss,
     ];
 
+    /// What is true, in the order in which its absence is reported.
+    pub const TRUTHS: [Source; 4] = [Source::Truth, Source::Position, Source::Height, Source::Velocity];
+
+    /// Whether it is a truth.
+    pub fn is_truth(self) -> bool {
+        Self::TRUTHS.contains(&self)
+    }
+
     /// The first table that has all its columns.
     fn find(self, stage: &Score, shapes: &[&Shape]) -> Option<Place> {
         let of_role = |names: &[&str], role: Option<Role>| {

@@ -1,0 +1,257 @@
+//! The plan with its data: which lines each table has, what there is to compute, and which stage made a column.
+
+use std::{
+    collections::{BTreeMap, BTreeSet, HashMap},
+    path::PathBuf,
+};
+
+use arrow_array::RecordBatch;
+use schemas::{Fault, Grain};
+
+use super::{
+    Instance, Plan, Ref,
+    keys::{Name, Names, NodeKeys, columns_of},
+    lines::{LineId, LineSets},
+    memo::Memo,
+};
+use crate::{
+    keys::Key,
+    sources::{Bytes, LineRecord, Lines, ReadStep, made_map_batch, map_batch},
+    spec::Faults,
+    store::Store,
+};
+
+/// A plan whose sources have been read.
+pub struct Graph<'a> {
+    /// The plan.
+    pub plan: &'a Plan,
+    /// Every (flight, line) of all sources, sorted.
+    pub lines: Vec<(String, String)>,
+    /// The records of each table of flights.
+    pub records: Vec<BTreeMap<LineId, LineRecord>>,
+    /// The files behind each table of flights, then behind each map.
+    pub bytes: Vec<Vec<Bytes>>,
+    /// The folders of the figures of the quality of each table of flights.
+    pub quality: Vec<Vec<PathBuf>>,
+    /// The key of each map.
+    pub maps: Vec<Key>,
+    /// The lines of each point.
+    pub(super) sets: LineSets,
+    /// The names of columns.
+    pub(super) names: Names,
+    /// For each table of flights, the keys of each column that stages read, by line.
+    pub(super) sources: Vec<HashMap<Name, Vec<Option<Key>>>>,
+    /// The keys' part of each table.
+    pub(super) nodes: Vec<NodeKeys>,
+    /// The keys that are known.
+    pub(super) memo: Memo,
+}
+
+/// One thing to compute: an instance of a table, on one line or on all of them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Unit {
+    /// The table.
+    pub table: usize,
+    /// Its point.
+    pub instance: usize,
+    /// The line; `None` for a stage of a whole survey or of maps.
+    pub line: Option<LineId>,
+}
+
+/// The location of the values of a column.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub struct Origin {
+    /// The stage that made it.
+    pub made_by: Ref,
+    /// Its name there.
+    pub column: String,
+}
+
+impl<'a> Graph<'a> {
+    /// Reads the sources of `plan` into `store`, where they are missing.
+    ///
+    /// # Errors
+    /// Fails for files that cannot be read.
+    pub fn new(plan: &'a Plan, store: &Store, tick: &(dyn Fn(&str, &ReadStep) + Sync)) -> Result<Graph<'a>, Faults> {
+        let mut faults = vec![];
+        let mut sources: Vec<Lines> = vec![];
+        for flights in &plan.flights {
+            match flights.lines(store, &|step| tick(&flights.name, step)) {
+                Ok(lines) => sources.push(lines),
+                Err(wrong) => faults.extend(wrong),
+            }
+        }
+        let (mut maps, mut map_bytes) = (vec![], vec![]);
+        for map in &plan.maps {
+            tick(&map.name, &ReadStep::of_file(&map.path, 0, 1));
+            match map.load(store) {
+                Ok((key, bytes)) => {
+                    maps.push(key);
+                    map_bytes.push(bytes);
+                }
+                Err(fault) => faults.push(fault),
+            }
+        }
+        if !faults.is_empty() {
+            return Err(plan.spec.faults(faults));
+        }
+        let bytes = sources.iter().map(|s| s.files.clone()).chain(map_bytes).collect();
+        let quality = sources.iter().map(|s| s.quality.clone()).collect();
+        let graph = Graph::of(plan, sources.into_iter().map(|s| s.lines).collect(), bytes, maps)?;
+        Ok(Graph { quality, ..graph })
+    }
+
+    /// The graph of what was read: the lines of each table of flights, and the key of each map.
+    ///
+    /// # Errors
+    /// Fails for a `where` that selects nothing.
+    pub(super) fn of(
+        plan: &'a Plan,
+        sources: Vec<Vec<LineRecord>>,
+        bytes: Vec<Vec<Bytes>>,
+        maps: Vec<Key>,
+    ) -> Result<Graph<'a>, Faults> {
+        let names: BTreeSet<(String, String)> =
+            sources.iter().flatten().map(|l| (l.flight.clone(), l.line.clone())).collect();
+        let lines: Vec<(String, String)> = names.into_iter().collect();
+        // Every record is among the lines, which are made of them.
+        let known = |l: LineRecord| Some((lines.binary_search(&(l.flight.clone(), l.line.clone())).ok()?, l));
+        let records: Vec<BTreeMap<LineId, LineRecord>> =
+            sources.into_iter().map(|s| s.into_iter().filter_map(known).collect()).collect();
+        let flights = records.iter().map(|r| r.keys().copied().collect()).collect();
+        let sets = LineSets::new(plan, flights, &lines).map_err(|(t, fault)| {
+            let at = plan.decl(t).and_then(|d| d.predicate.clone()).map_or(plan.tables[t].at.clone(), |(_, at)| at);
+            plan.spec.faults(vec![fault.at(at)])
+        })?;
+        let mut names = Names::default();
+        let mut numbers = 0;
+        let mut nodes: Vec<NodeKeys> = vec![];
+        for (t, node) in plan.tables.iter().enumerate() {
+            nodes.push(NodeKeys::new(plan, node, &sets, t, &mut names, &mut numbers));
+        }
+        let sources = records.iter().map(|r| columns_of(r, lines.len(), &names)).collect();
+        Ok(Graph {
+            plan,
+            lines,
+            records,
+            bytes,
+            quality: vec![],
+            maps,
+            sets,
+            names,
+            sources,
+            nodes,
+            memo: Memo::new(numbers),
+        })
+    }
+
+    /// The inputs that are tables of flight lines, with their positions.
+    pub fn line_inputs(&self, instance: &Instance) -> Vec<(usize, Ref)> {
+        let inputs = instance.node.inputs(instance.index).enumerate();
+        inputs.filter(|(_, (kind, _))| kind.is_by_line()).map(|(i, (_, r))| (i, r)).collect()
+    }
+
+    /// The lines of a record, those of a file that could not be read left out.
+    pub fn lines_in(&self, r: Ref) -> Vec<LineId> {
+        match r {
+            Ref::Flights(i) => {
+                let records = self.records.get(i).into_iter().flatten();
+                records.filter(|(_, record)| record.fault.is_none()).map(|(line, _)| *line).collect()
+            }
+            Ref::Stage(t, i) => self.lines_of(t, i).to_vec(),
+            Ref::Map(_) => vec![],
+        }
+    }
+
+    /// The lines of an instance.
+    pub fn lines_of(&self, table: usize, instance: usize) -> &[LineId] {
+        self.sets.of(table, instance)
+    }
+
+    /// The number of the set of lines of an instance: equal sets have equal numbers.
+    pub fn line_set(&self, table: usize, instance: usize) -> u32 {
+        self.sets.set(table, instance)
+    }
+
+    /// The lines that any point of a table has, sorted.
+    pub fn all_lines_of(&self, table: usize) -> Vec<LineId> {
+        let each: BTreeSet<LineId> = self.sets.each(table, 1).flat_map(|(set, _)| set).copied().collect();
+        each.into_iter().collect()
+    }
+
+    /// The largest number of lines of a point of a table.
+    pub fn most_lines_of(&self, table: usize) -> usize {
+        self.sets.each(table, 1).map(|(set, _)| set.len()).max().unwrap_or(0)
+    }
+
+    /// Everything there is to compute of one table.
+    pub fn units(&self, table: usize) -> impl Iterator<Item = Unit> + '_ {
+        let node = &self.plan.tables[table];
+        let grain = node.entry.grain;
+        (0..node.len()).flat_map(move |instance| {
+            let (survey, lines): (Option<Unit>, &[LineId]) = match grain {
+                Grain::Survey | Grain::Map => (Some(Unit { table, instance, line: None }), &[]),
+                Grain::Line => (None, self.lines_of(table, instance)),
+            };
+            survey.into_iter().chain(lines.iter().map(move |l| Unit { table, instance, line: Some(*l) }))
+        })
+    }
+
+    /// The number of units of one table.
+    pub fn unit_count(&self, table: usize) -> usize {
+        let node = &self.plan.tables[table];
+        match node.entry.grain {
+            Grain::Survey | Grain::Map => node.len(),
+            Grain::Line => self.sets.each(table, node.len()).map(|(set, times)| set.len() * times).sum(),
+        }
+    }
+
+    /// The location of the column `column` of `r`: the stage that made it, at the end of the chain.
+    pub fn origin(&self, r: Ref, column: &str) -> Origin {
+        let made_by = match self.names.known.get(column) {
+            Some(name) => self.made_by(r, *name).0,
+            None => self.bottom(r),
+        };
+        Origin { made_by, column: column.to_owned() }
+    }
+
+    /// The stage that made a column of `r`, and the index of the column there.
+    pub(super) fn made_by(&self, mut r: Ref, name: Name) -> (Ref, Option<usize>) {
+        while let Ref::Stage(t, i) = r {
+            let node = &self.plan.tables[t];
+            if self.nodes[t].makes.binary_search(&name).is_ok() {
+                let made = &self.nodes[t].variants[node.variant(i)].made;
+                if let Some(at) = made.iter().position(|n| *n == name) {
+                    return (r, Some(at));
+                }
+            }
+            match node.inputs(i).next() {
+                Some((_, first)) => r = first,
+                None => break,
+            }
+        }
+        (r, None)
+    }
+
+    /// The source of a column that no stage makes.
+    pub(super) fn bottom(&self, mut r: Ref) -> Ref {
+        while let Ref::Stage(t, i) = r
+            && let Some((_, first)) = self.plan.tables[t].inputs(i).next()
+        {
+            r = first;
+        }
+        r
+    }
+
+    /// The map `r`, on its own grid: that of a file, or what a stage made.
+    ///
+    /// # Errors
+    /// When it is not in the store, or is not a map.
+    pub fn map(&self, store: &Store, r: Ref) -> Result<RecordBatch, Fault> {
+        let key = self.whole(r)?;
+        match r {
+            Ref::Stage(..) => made_map_batch(store, key),
+            Ref::Map(_) | Ref::Flights(_) => map_batch(store, key),
+        }
+    }
+}
