@@ -49,6 +49,7 @@ input = "flights"
 [[stages]]
 name              = "map"
 stage             = "map_value"
+position          = "truth"
 input             = "core"
 map               = "anomaly"
 map_interpolation = "cubic"

@@ -70,6 +70,7 @@ to_m  = 310.0
 [[stages]]
 name  = "held"
 stage = "map_value"
+position = "truth"
 input = "flights"
 map   = "gridded"
 

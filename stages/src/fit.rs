@@ -44,7 +44,7 @@ use point::Point;
 use question::{Matrix, Question, Targets};
 use rayon::prelude::*;
 use residual::residual_noise;
-use rows::Part;
+use rows::{MOST_WITH_ERRORS, Part};
 use schemas::{
     Chosen, Column, ColumnType, Entry, Fault, Gather, LineIn, Lists, Passes, Product, Role, Rule, Shape, Stage,
     SurveyPoint, SurveyStage, Table, Work, Yield, stage,
@@ -89,8 +89,9 @@ stage! {
     /// units of the columns, whatever the scaling, with the intercept as the term `intercept`.
     ///
     /// `std` is one sigma of a coefficient, of the spectrum of the residual and those of the terms, in bands: the filter
-    /// and coloured noise make samples depend on each other, which counts. It is null with 96 or more terms, and of
-    /// models other than ridges.
+    /// and coloured noise make samples depend on each other, which counts. A residual that wanders, as a random walk does without
+    /// a filter, counts with its ramp from the first sample to the last; the intercept's `std` does not hold what the walk
+    /// itself moves the mean by. It is null with 96 or more terms, which is noted, and of models other than ridges.
     ///
     /// `rate_hz` is the rate of the first line. Terms that are differences per sample, such as `xx_dot`, are brought to it on
     /// lines of other rates, so that coefficients hold at this rate; values of earlier samples have no equivalent at
@@ -269,6 +270,20 @@ impl Fit {
     }
 }
 
+impl Fit {
+    /// A note that a fit which has errors of coefficients with fewer terms has none.
+    fn too_wide_for_errors(&self, shape: &Shape) -> Option<String> {
+        let terms = self.features.iter().filter_map(|name| shape.get(name)).flat_map(terms_of).count();
+        let none = terms >= MOST_WITH_ERRORS && self.model.keys.wants_errors();
+        none.then(|| {
+            format!(
+                "`std` is null: coefficients of {terms} terms have no errors, those of up to {} have",
+                MOST_WITH_ERRORS - 1
+            )
+        })
+    }
+}
+
 /// What is wrong with the model that a training is to begin with.
 fn warm_start_faults(model: &Chosen<Model>, start: Option<&&Table>) -> Option<Fault> {
     let what = match start? {
@@ -364,6 +379,7 @@ impl Stage for Fit {
         let mut yields = Yield::append(columns, &reads);
         yields.passes = Passes::None;
         yields.features = self.features.clone();
+        yields.notes.extend(self.too_wide_for_errors(shape));
         if !warm.is_empty() {
             yields.reads.push(warm.iter().map(ToString::to_string).collect());
         }

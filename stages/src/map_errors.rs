@@ -2,7 +2,13 @@
 
 use arrow_array::RecordBatch;
 use numerics::{
-    maps::{continuation::RadialPower, map_stack::FieldMap, map_surface::Interpolation, plane_grid::PlaneGrid},
+    maps::{
+        continuation::{MAGNAV_ALPHA_M2, Padding, RadialPower, edge_error},
+        fill,
+        map_stack::FieldMap,
+        map_surface::Interpolation,
+        plane_grid::PlaneGrid,
+    },
     navigation::{line::NavigationLine, map_noise},
 };
 use schemas::{Fault, map::ERROR};
@@ -12,10 +18,17 @@ use crate::{
     maps::{column_map, plane},
 };
 
+/// The error of a map at another height than its own.
+enum HeightError {
+    /// Of a map that is taken as it is: its own height, in metres, and its mean square by wavenumber.
+    AsItIs { own_m: f64, power: RadialPower },
+    /// Of a map that is continued: the height of each level and the error there, in metres and nT.
+    Continued(Vec<(f64, f64)>),
+}
+
 /// The errors of a map that are known from the map itself.
 pub struct MapErrors {
-    /// Its own height and its mean square by wavenumber, where it is taken at its own height.
-    height: Option<(f64, RadialPower)>,
+    height: HeightError,
     /// The rms error of bilinear interpolation, in nT, where that is used, and the length of a cell, in metres.
     bilinear: Option<(f64, f64)>,
     /// The error that the map's maker gives each node, in nT.
@@ -23,18 +36,22 @@ pub struct MapErrors {
 }
 
 impl MapErrors {
-    /// Of the table of a map, which is or is not continued to the heights flown, is or is not interpolated bilinearly, and
-    /// whose column `error` counts or does not.
+    /// Of the table of a map, which is or is not continued to levels (metres above the ellipsoid, ascending), is or is not
+    /// interpolated bilinearly, and whose column `error` counts or does not.
     ///
     /// # Errors
     /// A table that is no grid, or lacks that column.
-    pub fn of(map: &RecordBatch, continued: bool, bilinear: bool, own: bool) -> Result<Self, Fault> {
+    pub fn of(map: &RecordBatch, levels_m: Option<&[f64]>, bilinear: bool, own: bool) -> Result<Self, Fault> {
         let plane = plane(map)?;
-        let height = if continued {
-            None
-        } else {
-            let known: Vec<f64> = floats(map, "alt")?.iter().copied().filter(|a| a.is_finite()).collect();
-            Some((known.iter().sum::<f64>() / known.len() as f64, RadialPower::of(&plane).map_err(data)?))
+        let known: Vec<f64> = floats(map, "alt")?.iter().copied().filter(|a| a.is_finite()).collect();
+        let own_m = known.iter().sum::<f64>() / known.len() as f64;
+        let power = RadialPower::of(&plane).map_err(data)?;
+        let height = match levels_m {
+            None => HeightError::AsItIs { own_m, power },
+            Some(levels_m) => {
+                let noise_nt = map.column_by_name(ERROR).map(|_| floats(map, ERROR).map(rms)).transpose()?.flatten();
+                HeightError::Continued(level_errors(&plane, &power, noise_nt, (own_m, levels_m))?)
+            }
         };
         let cell_m = plane.east_m.step.max(plane.north_m.step);
         let own = own.then(|| column_map(map, ERROR, Interpolation::Linear, None)).transpose()?;
@@ -42,11 +59,18 @@ impl MapErrors {
     }
 
     /// The root mean square error to expect, in nT, of the map at the heights `alt_m`, above the ellipsoid: that over the
-    /// whole map, at the mean of these heights. 0 for a continued map; NaN where either height is unknown.
+    /// whole map, at the mean of these heights. Of a continued map it is the error of the continuation; NaN where either height
+    /// is unknown.
     pub fn of_height_nt(&self, alt_m: &[f64]) -> f64 {
-        let Some((own_m, power)) = &self.height else { return 0.0 };
-        let up_m = alt_m.iter().sum::<f64>() / alt_m.len() as f64 - own_m;
-        if up_m.is_finite() { power.height_error_nt(up_m) } else { f64::NAN }
+        let mean_m = alt_m.iter().sum::<f64>() / alt_m.len() as f64;
+        match &self.height {
+            _ if !mean_m.is_finite() => f64::NAN,
+            HeightError::Continued(levels) => between(levels, mean_m),
+            HeightError::AsItIs { own_m, power } => {
+                let up_m = mean_m - own_m;
+                if up_m.is_finite() { power.height_error_nt(up_m) } else { f64::NAN }
+            }
+        }
     }
 
     /// The white noise, in nT a sample, that weighs as much as the error between nodes, which lasts for the crossing of a
@@ -66,6 +90,56 @@ impl MapErrors {
         let factor = lasting_factor(step_m, length_m);
         self.own.as_ref().map(|own| map_noise::along(line, own, factor).map_err(data)).transpose()
     }
+}
+
+/// The error of each level of a map of a height, in nT: the unknown field past the edges, and below the map its noise amplified
+/// and the field that damping removes. Of the edges that of the farthest level is measured, and the others have their part.
+fn level_errors(
+    plane: &PlaneGrid,
+    power: &RadialPower,
+    noise_nt: Option<f64>,
+    (own_m, levels_m): (f64, &[f64]),
+) -> Result<Vec<(f64, f64)>, Fault> {
+    let up_m = |level_m: f64| level_m - own_m;
+    let farthest_m =
+        levels_m.iter().map(|level| up_m(*level)).fold(0.0, |a: f64, b| if b.abs() > a.abs() { b } else { a });
+    // A map that is too small for that is all edge, of which nothing is known.
+    let edges_nt = match farthest_m == 0.0 {
+        true => 0.0,
+        false => {
+            edge_error(&filled(plane)?, farthest_m, MAGNAV_ALPHA_M2, &Padding::default()).map_or(f64::NAN, |e| e.rms_nt)
+        }
+    };
+    let error_nt = |level_m: f64| match up_m(level_m) {
+        0.0 => 0.0,
+        up if up < 0.0 => power.downward_error_nt(-up, MAGNAV_ALPHA_M2, noise_nt).hypot(edges_nt * up / farthest_m),
+        up => edges_nt * (up / farthest_m).abs(),
+    };
+    Ok(levels_m.iter().map(|level| (*level, error_nt(*level))).collect())
+}
+
+/// The map without unknown nodes.
+fn filled(plane: &PlaneGrid) -> Result<PlaneGrid, Fault> {
+    if plane.unknown() == 0 {
+        return Ok(plane.clone());
+    }
+    Ok(fill::smooth(plane, &fill::SmoothFill::default()).map_err(data)?.0)
+}
+
+/// The value between two of ascending places, or that at the nearest end.
+fn between(levels: &[(f64, f64)], at: f64) -> f64 {
+    let after = levels.partition_point(|(level, _)| *level <= at);
+    match (after.checked_sub(1).and_then(|before| levels.get(before)), levels.get(after)) {
+        (Some((low, one)), Some((high, other))) => one + (other - one) * (at - low) / (high - low),
+        (Some((_, only)), None) | (None, Some((_, only))) => *only,
+        (None, None) => f64::NAN,
+    }
+}
+
+/// The root mean square of the finite ones; `None` without any.
+fn rms(values: &[f64]) -> Option<f64> {
+    let known: Vec<f64> = values.iter().copied().filter(|x| x.is_finite()).collect();
+    (!known.is_empty()).then(|| (known.iter().map(|x| x * x).sum::<f64>() / known.len() as f64).sqrt())
 }
 
 /// The factor from an error that lasts for `length_m` to the white noise of samples `step_m` apart that weighs as much.
@@ -115,14 +189,14 @@ mod tests {
             ("error", of(&|_, column| column)),
         ];
         let map = RecordBatch::try_from_iter(columns.clone()).unwrap();
-        assert!(MapErrors::of(&map, false, true, true).unwrap().own.is_some());
-        assert!(MapErrors::of(&map, false, true, false).unwrap().own.is_none());
+        assert!(MapErrors::of(&map, None, true, true).unwrap().own.is_some());
+        assert!(MapErrors::of(&map, None, true, false).unwrap().own.is_none());
         // A sum of n samples whose errors last for L and are a way s apart has n 2L/s times the variance of one.
         assert_eq!(lasting_factor(50.0, 400.0), 4.0);
         // An error that ends within a sample is white already.
         assert_eq!(lasting_factor(50.0, 10.0), 1.0);
         let without = RecordBatch::try_from_iter(columns[..4].to_vec()).unwrap();
-        assert!(MapErrors::of(&without, false, true, true).is_err());
+        assert!(MapErrors::of(&without, None, true, true).is_err());
     }
 
     #[test]
@@ -142,7 +216,7 @@ mod tests {
         let truth = (sum / n).sqrt();
         // The cubic convolution is itself off by a few parts in a hundred of what the straight line misses.
         assert!((bilinear_error_nt(&map) / truth - 1.0).abs() < 0.1, "{} {truth}", bilinear_error_nt(&map));
-        let errors = MapErrors { height: None, bilinear: Some((0.5, 100.0)), own: None };
+        let errors = MapErrors { height: HeightError::Continued(vec![]), bilinear: Some((0.5, 100.0)), own: None };
         assert_eq!(errors.of_interpolation_nt(6.25), 2.0);
         assert_eq!(errors.of_interpolation_nt(500.0), 0.5);
     }

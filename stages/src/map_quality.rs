@@ -12,7 +12,7 @@ use numerics::{
 use schemas::{Arrays, Column, Fault, LineIn, LineStage, Rule, Stage, Table, Yield, stage};
 
 use crate::{
-    columns::{array, data, faults_of, floats, shape},
+    columns::{array, data, faults_of, floats, role_of, shape},
     core_field::PositionOf,
     map_value::looked_up,
     maps::{check_levels, field_map},
@@ -49,7 +49,8 @@ input    = "resample"
 map      = "anomaly"
 window_s = 20.0
 "#;
-    /// Where: at the true position (`lat`, `lon`, `alt`) or that of the INS.
+    /// Where: at the true position (`lat`, `lon`, `alt`) or that of the INS. At the true position the columns have the role
+    /// truth: they are no features without `allow_truth`.
     position: PositionOf, unit "", default PositionOf::Truth;
     /// The error of a measurement: sensor, map and what compensation leaves, one sigma of a sample.
     sigma_nt: f64, unit "nT", default 5.0, rule Rule::Positive;
@@ -73,8 +74,11 @@ impl Stage for MapQuality {
         if !faults.is_empty() {
             return Err(faults);
         }
-        let made =
-            |name: &str, unit: &str, doc: &str| Column::float(name, unit, doc).from(0, &place).from(1, &["anomaly"]);
+        // The slope of the map at the true position says where the aircraft is: no feature.
+        let role = role_of(shape, &place);
+        let made = |name: &str, unit: &str, doc: &str| {
+            Column::float(name, unit, doc).role(role).from(0, &place).from(1, &["anomaly"])
+        };
         let columns = vec![
             made("map_gradient_n", "nT/m", "slope of the map, northward"),
             made("map_gradient_e", "nT/m", "slope of the map, eastward"),
@@ -225,6 +229,26 @@ mod tests {
         assert_eq!(fault.what, "no sample is on the map");
         let alone = run(&map_quality(), &waves, &[[10.0, 20.0]]).unwrap();
         assert!(alone[3][0].is_finite() && alone[4][0].is_nan(), "one sample has one slope");
+    }
+
+    #[test]
+    fn unit_a_bound_at_the_true_position_is_truth() {
+        let role = |position: PositionOf| {
+            let place = position.columns();
+            let of = |name: &str| if name.starts_with("ins") { schemas::Role::Sensor } else { schemas::Role::Truth };
+            let mut columns: Vec<Column> = place
+                .iter()
+                .zip(["deg", "deg", "m"])
+                .map(|(name, unit)| Column::float(*name, unit, "").role(of(name)))
+                .collect();
+            columns.push(Column::float("tt", "s", ""));
+            let (lines, map) = (Table::Lines(Shape { columns, rate_hz: None }), Table::Map(schemas::map::shape()));
+            let made = MapQuality { position, ..map_quality() }.yields(&[&lines, &map]).unwrap().columns;
+            assert!(made.iter().all(|column| column.role == made[0].role));
+            made[0].role
+        };
+        assert_eq!(role(PositionOf::Truth), schemas::Role::Truth);
+        assert_eq!(role(PositionOf::Ins), schemas::Role::Derived);
     }
 
     #[test]

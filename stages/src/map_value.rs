@@ -5,7 +5,7 @@ use numerics::{
     earth::geodesy::EarthModel,
     maps::{map_stack::FieldMap, map_surface::Interpolation},
 };
-use schemas::{Arrays, Column, Fault, LineIn, LineStage, Stage, Table, Yield, stage};
+use schemas::{Arrays, Column, Fault, LineIn, LineStage, Role, Shape, Stage, Table, Yield, stage};
 
 use crate::{
     columns::{array, faults_of, floats, role_of, shape},
@@ -26,7 +26,7 @@ stage! {
     /// the levels than half a step has NaN. Downward continuation amplifies what is short: keep levels at or above the map.
     ///
     /// Source: thesis 000, section 2.3; Blakely 1996, chapter 12.
-    MapValue = "map_value", version 3, grain Line, inputs [input: Lines, map: Map],
+    MapValue = "map_value", version 4, grain Line, inputs [input: Lines, map: Map],
     example r#"
 [[stages]]
 name         = "map_value"
@@ -37,17 +37,39 @@ map_levels_m = [300.0, 400.0]
 "#;
     /// Where: at the true position (`lat`, `lon`, `alt`) or that of the INS. At the true position the columns have the role
     /// truth: they are no features without `allow_truth`.
-    position: PositionOf, unit "", default PositionOf::Truth;
+    position: Option<PositionOf>, unit "", absent "that of the INS where the flight has `ins_lat`, `ins_lon` and `ins_alt`, else the true one";
     /// How the map is interpolated: bilinear, or by a natural cubic spline.
     map_interpolation: Interpolation, unit "", default Interpolation::Linear;
     /// The heights above the ellipsoid, ascending, to which the map is continued.
     map_levels_m: Option<Vec<f64>>, unit "m", absent "the map is taken at its own height";
 }
 
+/// The value of the map at each sample.
+pub(crate) const MAP_ANOMALY: &str = "map_anomaly";
+
+impl MapValue {
+    /// The columns of the position, of a table that has some columns.
+    fn place(&self, has: impl Fn(&str) -> bool) -> [&'static str; 3] {
+        let ins = PositionOf::Ins.columns();
+        let found = if ins.iter().all(|name| has(name)) { PositionOf::Ins } else { PositionOf::Truth };
+        self.position.unwrap_or(found).columns()
+    }
+}
+
+/// A note on a table whose `map_anomaly` is that at the INS position, for a stage that takes it for the true field.
+pub(crate) fn note_of_ins_position(shape: &Shape) -> Option<String> {
+    let derived = shape.get(MAP_ANOMALY).is_some_and(|column| column.role == Role::Derived);
+    let is_known =
+        PositionOf::Truth.columns().iter().all(|name| shape.get(name).is_some_and(|c| c.role == Role::Truth));
+    let what = "`map_anomaly` is the map at the INS position, which holds the error of the INS; say `position = \"truth\"` in \
+        `map_value` for the true field";
+    (derived && is_known).then(|| what.to_owned())
+}
+
 impl Stage for MapValue {
     fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
         let shape = shape(inputs, 0)?;
-        let place = self.position.columns();
+        let place = self.place(|name| shape.get(name).is_some());
         let units = ["deg", "deg", "m"];
         let mut faults = faults_of(place.iter().zip(units).map(|(c, unit)| shape.number(c, unit)), "position");
         faults.extend(check_levels(self.map_levels_m.as_ref(), "map_levels_m"));
@@ -60,7 +82,7 @@ impl Stage for MapValue {
             Column::float(name, unit, doc).role(role).from(0, &place).from(1, &["anomaly"])
         };
         let columns = vec![
-            made("map_anomaly", "nT", "anomaly of the map"),
+            made(MAP_ANOMALY, "nT", "anomaly of the map"),
             made("map_grad_n", "nT/m", "slope of the map, northward"),
             made("map_grad_e", "nT/m", "slope of the map, eastward"),
             made("map_grad_u", "nT/m", "slope of the map, upward"),
@@ -75,8 +97,8 @@ impl LineStage for MapValue {
     type Prepared = FieldMap;
 
     fn run(&self, line: &LineIn, map: &FieldMap) -> Arrays {
-        let [lat, lon, alt] = self.position.columns();
         let batch = &line.inputs[0];
+        let [lat, lon, alt] = self.place(|name| batch.column_by_name(name).is_some());
         let columns = looked_up(map, floats(batch, lat)?, floats(batch, lon)?, floats(batch, alt)?)?;
         Ok(columns.map(array).into())
     }
@@ -122,13 +144,11 @@ pub(crate) fn looked_up(map: &FieldMap, lat: &[f64], lon: &[f64], alt: &[f64]) -
 mod tests {
     use std::sync::Arc;
 
-    use arrow_array::{ArrayRef, Float64Array, cast::AsArray, types::Float64Type};
-    use schemas::Shape;
-
     use super::*;
+    use arrow_array::{ArrayRef, Float64Array, cast::AsArray, types::Float64Type};
 
     fn map_value() -> MapValue {
-        MapValue { position: PositionOf::Truth, map_interpolation: Interpolation::Linear, map_levels_m: None }
+        MapValue { position: None, map_interpolation: Interpolation::Linear, map_levels_m: None }
     }
 
     fn batch(columns: Vec<(&str, Vec<f64>)>) -> RecordBatch {
@@ -204,7 +224,57 @@ mod tests {
         let truth = named(["lat", "lon", "alt"], schemas::Role::Truth);
         assert_eq!(role(map_value(), &truth), schemas::Role::Truth);
         let ins = named(["ins_lat", "ins_lon", "ins_alt"], schemas::Role::Sensor);
-        assert_eq!(role(MapValue { position: PositionOf::Ins, ..map_value() }, &ins), schemas::Role::Derived);
+        assert_eq!(role(MapValue { position: Some(PositionOf::Ins), ..map_value() }, &ins), schemas::Role::Derived);
+        assert_eq!(role(map_value(), &ins), schemas::Role::Derived);
+    }
+
+    #[test]
+    fn law_the_map_is_looked_up_by_the_ins_unless_the_truth_is_asked_for() {
+        // The INS is 0.001 degrees north of the truth: half a nanotesla.
+        let (lat, lon) = (vec![45.0, 45.001], vec![-75.0, -75.001]);
+        let moved = lat.iter().map(|lat| lat + 0.001).collect();
+        let alt = vec![300.0; 2];
+        let truth = [("lat", lat.clone()), ("lon", lon.clone()), ("alt", alt.clone())];
+        let ins = [("ins_lat", moved), ("ins_lon", lon.clone()), ("ins_alt", alt)];
+        let both = batch(truth.clone().into_iter().chain(ins.clone()).collect());
+        let of = |stage: &MapValue, flown: &RecordBatch| {
+            let prepared = stage.prepare(&[flown.slice(0, 0), map()]).unwrap();
+            let line = LineIn { flight: "1".into(), line: "1.01".into(), inputs: vec![flown.clone()], keep: None };
+            stage.run(&line, &prepared).unwrap()[0].as_primitive::<Float64Type>().value(0)
+        };
+        let asked = MapValue { position: Some(PositionOf::Truth), ..map_value() };
+        assert!((of(&map_value(), &both) - plane(45.001, -75.0)).abs() < 1e-9);
+        assert!((of(&asked, &both) - plane(45.0, -75.0)).abs() < 1e-9);
+        assert!((of(&map_value(), &batch(truth.to_vec())) - plane(45.0, -75.0)).abs() < 1e-9);
+        // Two of three columns are no position.
+        let part = batch(truth.into_iter().chain(ins.into_iter().take(2)).collect());
+        assert!((of(&map_value(), &part) - plane(45.0, -75.0)).abs() < 1e-9);
+        // The whole table tells the plan which columns are read.
+        let shape = |batch: &RecordBatch| Shape {
+            columns: batch
+                .schema()
+                .fields()
+                .iter()
+                .map(|f| {
+                    let (unit, ins) =
+                        (if f.name().ends_with("alt") { "m" } else { "deg" }, f.name().starts_with("ins"));
+                    let role = if ins { schemas::Role::Sensor } else { schemas::Role::Truth };
+                    Column::float(f.name(), unit, "").role(role)
+                })
+                .collect(),
+            rate_hz: None,
+        };
+        let grid = Table::Map(schemas::map::shape());
+        let yields =
+            |stage: &MapValue, flown: &RecordBatch| stage.yields(&[&Table::Lines(shape(flown)), &grid]).unwrap();
+        let by_default = yields(&map_value(), &both);
+        assert_eq!(by_default.reads[0], ["ins_lat", "ins_lon", "ins_alt"]);
+        assert_eq!(by_default.columns[0].role, schemas::Role::Derived);
+        let by_truth = yields(&asked, &both);
+        assert_eq!(
+            (by_truth.reads[0].as_slice(), by_truth.columns[0].role),
+            (["lat", "lon", "alt"].map(str::to_owned).as_slice(), schemas::Role::Truth)
+        );
     }
 
     #[test]
@@ -212,7 +282,7 @@ mod tests {
         let place = [("ins_lat", "deg"), ("ins_lon", "rad")].map(|(name, unit)| Column::float(name, unit, ""));
         let lines = Table::Lines(Shape { columns: place.to_vec(), rate_hz: None });
         let map = Table::Map(schemas::map::shape());
-        let stage = MapValue { position: PositionOf::Ins, map_levels_m: Some(vec![400.0, 300.0]), ..map_value() };
+        let stage = MapValue { position: Some(PositionOf::Ins), map_levels_m: Some(vec![400.0, 300.0]), ..map_value() };
         let faults = stage.yields(&[&lines, &map]).unwrap_err();
         let said: Vec<_> = faults.iter().map(|f| (f.what.as_str(), f.param.as_deref().unwrap())).collect();
         let expected = [

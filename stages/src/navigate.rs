@@ -84,7 +84,8 @@ stage! {
     /// specific forces and attitude that the flight lacks are derived from the INS positions (attitude: level, along the
     /// course). The map is taken as it is, at its own height, unless `map_levels_m` has it continued to the heights flown;
     /// `map_height_error` is the rms error to expect of that over the whole map, from its spectrum, at the mean height of
-    /// the line: 0 with `map_levels_m`, NaN where the map's height is unknown. A map in eastings and northings is looked up
+    /// the line; with `map_levels_m` that of the continuation: the unknown field past the edges and, below the map, its
+    /// noise amplified and the field that damping removes. NaN where the map's height is unknown. A map in eastings and northings is looked up
     /// between its own nodes.
     ///
     /// The core field (IGRF-14) is that of one date a line: `decimal_year` where it is given, else the flight's first
@@ -456,7 +457,7 @@ impl LineStage for Navigate {
         let prepared = |map| -> Result<PreparedMap, Fault> {
             let field = field_map(map, self.map_interpolation, self.map_levels_m.as_deref())?;
             let bilinear = self.map_interpolation == Interpolation::Linear;
-            let errors = MapErrors::of(map, self.map_levels_m.is_some(), bilinear, self.map_error_length_m.is_some())?;
+            let errors = MapErrors::of(map, self.map_levels_m.as_deref(), bilinear, self.map_error_length_m.is_some())?;
             Ok(PreparedMap { field, errors })
         };
         let models = models.map(Calibration::of).collect::<Result<_, Fault>>()?;

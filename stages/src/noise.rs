@@ -14,6 +14,7 @@ use crate::{
     columns::{array, data, even_rate_hz, floats, shape},
     compensate::noise_columns,
     corrections::had,
+    map_value::{MAP_ANOMALY, note_of_ins_position},
     model_columns::RESIDUAL,
 };
 
@@ -67,7 +68,7 @@ impl ResidualNoise {
             let removed = had(shape, &self.mag);
             let left = |name: &&str| Correction::by_column(name).is_none_or(|c| !removed.contains(&c));
             let diurnal = shape.get(DIURNAL).map(|_| DIURNAL);
-            let all = ["igrf", "map_anomaly"].into_iter().chain(diurnal).filter(left);
+            let all = ["igrf", MAP_ANOMALY].into_iter().chain(diurnal).filter(left);
             return all.map(str::to_owned).collect();
         };
         vec![truth.clone()]
@@ -77,7 +78,7 @@ impl ResidualNoise {
         let found = shape.number(name, "nT").map(|_| ());
         found.map_err(|fault| match name {
             "igrf" => fault.help("append it with `core_field`, or name the true field with `truth`").of_param("input"),
-            "map_anomaly" => {
+            MAP_ANOMALY => {
                 fault.help("append it with `map_value`, or name the true field with `truth`").of_param("input")
             }
             _ if name == self.mag => fault.of_param("mag"),
@@ -114,7 +115,9 @@ impl Stage for ResidualNoise {
             Column::integer("n", "", "samples behind it"),
         ];
         let columns = columns.into_iter().map(|c| c.from(0, &reads)).collect();
-        Ok(Yield { passes: Passes::None, ..Yield::append(columns, &reads) })
+        let mut yields = Yield { passes: Passes::None, ..Yield::append(columns, &reads) };
+        yields.notes.extend(note_of_ins_position(shape).filter(|_| reads.iter().any(|name| name == MAP_ANOMALY)));
+        Ok(yields)
     }
 }
 

@@ -8,6 +8,7 @@ use schemas::{
 use crate::{
     columns::{array, floats, shape},
     corrections::{Key, REMOVE_CORE, REMOVE_DIURNAL, corrects, had, note, twice},
+    map_value::{MAP_ANOMALY as MAP, note_of_ins_position},
 };
 
 choice! {
@@ -65,9 +66,6 @@ truth = "mag_1_c"
     /// Take the diurnal variation `diurnal` off, for `a`, `c` and `e`.
     remove_diurnal: Option<bool>, unit "", absent "true, unless it was removed before";
 }
-
-/// The value of the map at each sample, as `map_value` calls it.
-const MAP: &str = "map_anomaly";
 
 impl Target {
     /// The corrections of the column to begin with: each with its key, and the column that it takes off.
@@ -162,6 +160,7 @@ impl Stage for Target {
         let doc = format!("what a model is to explain: type {} of thesis 000, section 3.7", self.kind.word());
         let column = Column::float("target", "nT", doc).role(Role::Truth).from(0, &reads).without(removed);
         let mut yields = Yield::append(vec![column], &reads);
+        yields.notes.extend(note_of_ins_position(shape).filter(|_| reads.iter().any(|name| name == MAP)));
         yields.notes.extend(corrections().filter_map(|(c, given, ..)| note(shape, &own, c, given)));
         Ok(yields)
     }
@@ -237,5 +236,18 @@ mod tests {
         assert!(said(&Target { mag: None, ..target("d") }).contains("needs `mag`"));
         let made = target("d").yields(&[&table]).unwrap();
         assert_eq!(made.columns[0].role, Role::Truth);
+    }
+
+    #[test]
+    fn unit_a_map_at_the_ins_position_is_noted() {
+        let notes = |role: Role| {
+            let place = [("lat", "deg"), ("lon", "deg"), ("alt", "m")];
+            let mut columns: Vec<Column> =
+                place.map(|(name, unit)| Column::float(name, unit, "").role(Role::Truth)).to_vec();
+            columns.push(Column::float("map_anomaly", "nT", "").role(role));
+            target("b").yields(&[&Table::Lines(Shape { columns, rate_hz: None })]).unwrap().notes
+        };
+        assert!(notes(Role::Truth).is_empty());
+        assert!(notes(Role::Derived)[0].contains("`position = \"truth\"`"), "{:?}", notes(Role::Derived));
     }
 }

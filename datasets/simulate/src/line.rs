@@ -24,7 +24,10 @@ impl Scene<'_> {
     /// The columns that depend on the line's own truth alone.
     pub(super) fn around(&self, truth: &Trajectory, field: &earth::Field) -> Result<Around, ReadError> {
         let earth = earth::along(self, truth, field)?;
-        let readings = aircraft::readings(self, truth, &earth);
+        let arms = self.spec.aircraft.scalars.iter().map(|sensor| sensor.arm_m);
+        let at_arms = arms.map(|arm| arm.map(|arm| earth::at_arm(self, truth, field, &arm)).transpose());
+        let at_arms: Vec<_> = at_arms.collect::<Result<_, _>>()?;
+        let readings = aircraft::readings(self, truth, &earth, at_arms);
         let earth = [("diurnal", earth.diurnal_nt), ("igrf", earth.core_nt), ("anomaly_truth", earth.anomaly_nt)];
         Ok(Around { earth, readings })
     }

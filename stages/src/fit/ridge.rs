@@ -142,8 +142,11 @@ fn by_leaving_out(grid: &[f64], problem: &Problem, settings: &Settings) -> Resul
 
 #[cfg(test)]
 mod tests {
+    #![allow(clippy::unwrap_used)]
+    use schemas::{Column, Shape, Table};
+
     use crate::{
-        fit::testing::{COEFFICIENTS, INTERCEPT_NT, fitted, fitted_to, flag, number, word},
+        fit::testing::{COEFFICIENTS, INTERCEPT_NT, fitted, fitted_to, flag, number, stage, word},
         testing::{batch, sampled},
     };
 
@@ -207,6 +210,24 @@ mod tests {
             // With independent samples assumed: 2.5 behind the filter, 6 in the coloured noise.
             assert!((0.9..1.1).contains(&found), "{memory} {}: {found}", keys.len());
         }
+    }
+
+    #[test]
+    fn unit_a_fit_that_is_too_wide_for_errors_is_noted() {
+        let notes = |model: &str, wide: usize| {
+            let names = (0..wide).map(|k| format!("a{k}")).collect();
+            let columns = vec![
+                Column::list("a", "", "", names),
+                Column::float("b", "", ""),
+                Column::float("c", "", ""),
+                Column::float("y", "nT", ""),
+                Column::float("tt", "s", ""),
+            ];
+            stage(model, &[]).unwrap().yields(&[&Table::Lines(Shape { columns, rate_hz: None })]).unwrap().notes
+        };
+        assert!(notes("ridge", 93).is_empty());
+        assert!(notes("ridge", 94)[0].contains("96 terms have no errors, those of up to 95 have"));
+        assert!(notes("pls", 94).is_empty(), "it has none with fewer terms either");
     }
 
     #[test]

@@ -5,7 +5,7 @@ use std::{collections::BTreeMap, ops::Range};
 use arrow_array::RecordBatch;
 use numerics::{
     regression::{
-        cross_spectra::CrossSpectra,
+        cross_spectra::{CrossSpectra, Ends},
         least_squares::{Moments, MomentsAccumulator},
     },
     signal::{
@@ -27,7 +27,7 @@ use crate::{
 /// Rows kept of a line's unfiltered terms, evenly spread: enough to tell a total field from an aircraft's.
 const THINNED: usize = 500;
 /// Most columns of which the errors of coefficients are found: their cross-spectra grow with the square.
-const MOST_WITH_ERRORS: usize = 96;
+pub const MOST_WITH_ERRORS: usize = 96;
 
 /// The dependence of a term on the sample rate, and the rate at which it was made, Hz; `None` where it has none.
 pub type TermRate = Option<(RateLaw, f64)>;
@@ -258,7 +258,8 @@ fn fold(
         let keeps = question.map(|q| q.keeps_rows.as_slice()).unwrap_or_default();
         let errors = question.map(|q| q.wants_errors.as_slice()).unwrap_or_default();
         let with_errors = columns.len() < MOST_WITH_ERRORS && wanted.iter().any(|t| errors.contains(t));
-        let spectra = with_errors.then(|| spectra((&sheet, &columns), (&y, &at), &kept, rate_hz));
+        let ends = if low_hz > 0.0 { Ends::Bound } else { Ends::Wandering };
+        let spectra = with_errors.then(|| spectra((&sheet, &columns), (&y, &at), &kept, (rate_hz, ends)));
         for together in wanted {
             let own: Vec<usize> = together.iter().filter_map(place).collect();
             let chosen: Vec<usize> = own.iter().filter_map(|c| at.iter().position(|a| a == c)).collect();
@@ -295,9 +296,9 @@ fn spectra(
     (sheet, columns): (&Sheet, &[usize]),
     (y, at): (&Sheet, &[usize]),
     kept: &[Range<usize>],
-    rate_hz: f64,
+    (rate_hz, ends): (f64, Ends),
 ) -> CrossSpectra {
-    let mut spectra = CrossSpectra::new(columns.len() + at.len());
+    let mut spectra = CrossSpectra::new(columns.len() + at.len(), ends);
     for run in kept {
         let run = std::slice::from_ref(run);
         let (a, y) = (sheet.part(columns, run), y.part(at, run));

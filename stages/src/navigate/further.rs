@@ -6,14 +6,15 @@ use numerics::{
     maps::map_surface::Interpolation,
     navigation::{
         aided::{
-            self, AidInnovations, AidedOutput, AidedParameters, Aids, Difference, Height, MapError, Usage, Vector,
+            self, AidInnovations, AidedOutput, AidedParameters, Aids, Difference, Height, MapError, MapSlope,
+            SlopeError, Usage, Vector,
         },
         line::NavigationLine,
         output::NavigationReport,
     },
     signal::gauss_markov::GaussMarkov,
 };
-use schemas::{Column, Fault, Role, Rule, params};
+use schemas::{Column, Fault, OrAuto, Role, Rule, params};
 
 use super::filter::{Flight, Flown, Track, Update, enough, state_arrays};
 use crate::columns::{array, data, faults_of, floats};
@@ -34,6 +35,11 @@ params! {
     gradient_bias_sigma_nt: f64, unit "nT", default 1.0, rule Rule::NotNegative;
     /// Time constant of what lasts of the difference.
     gradient_bias_tau_s: f64, unit "s", default 3600.0, rule Rule::Positive;
+    /// One sigma of the error of the map's slope along that line, which the difference has times the baseline: it lasts along the
+    /// track, as the map's anomalies do. `"auto"` takes the value with the most likely innovations of the difference, so that a
+    /// map of sparse lines is known to be one. Where the map has no slope upwards (one height, no `map_levels_m`), the error
+    /// moreover holds the height between the two times the root mean square of the slope.
+    gradient_slope_sigma: OrAuto, unit "nT/m", default OrAuto::Auto, rule Rule::NotNegative;
     /// Whether `mag` corrects the INS too. `false` leaves that to the difference and the vector, as in a magnetic storm.
     use_scalar: bool, unit "", default true;
     /// One sigma of the white noise of each component of `vector`, which makes the vector a measurement: of the attitude
@@ -142,7 +148,11 @@ impl Further {
     /// Why a key has no say.
     pub(super) fn idle(&self, key: &str) -> Option<Fault> {
         let owner = match key {
-            "gradient_baseline_m" | "gradient_sigma_nt" | "gradient_bias_sigma_nt" | "gradient_bias_tau_s"
+            "gradient_baseline_m"
+            | "gradient_sigma_nt"
+            | "gradient_bias_sigma_nt"
+            | "gradient_bias_tau_s"
+            | "gradient_slope_sigma"
                 if self.gradient.is_none() =>
             {
                 "gradient"
@@ -207,10 +217,16 @@ impl Further {
 
     /// What is computed of the columns.
     pub(super) fn measured(&self, flown: &Flown) -> Result<Measured, Fault> {
-        let Some(names) = &self.gradient else { return Ok(Measured { difference_nt: vec![] }) };
+        let Some(names) = &self.gradient else { return Ok(Measured::default()) };
         let [first, second] = names.each_ref().map(|name| floats(flown.columns, name));
         let difference_nt = first?.iter().zip(second?).map(|(first, second)| first - second).collect();
-        Ok(Measured { difference_nt })
+        let line = NavigationLine { fixes: flown.fixes(), ..flown.line()? };
+        let mut measured = Measured { difference_nt, slope: MapSlope::along(&line), slope_sigma: 0.0 };
+        measured.slope_sigma = match self.gradient_slope_sigma {
+            OrAuto::Given(nt_per_m) => nt_per_m,
+            OrAuto::Auto => aided::likely_slope_error(&line, &self.aids(flown, &measured)?, &measured.slope),
+        };
+        Ok(measured)
     }
 
     /// The measurements along a line.
@@ -220,6 +236,7 @@ impl Further {
             difference_nt: &measured.difference_nt,
             sigma_nt: self.gradient_sigma_nt,
             baseline_m,
+            slope: measured.slope_error(),
             bias: lasting(self.gradient_bias_sigma_nt, self.gradient_bias_tau_s),
         });
         let vector = self.vector_sigma_nt.zip(flown.field_nt).zip(flown.core.as_ref());
@@ -305,8 +322,18 @@ impl Further {
 }
 
 /// What is computed of the columns before a line is filtered.
+#[derive(Default)]
 pub(super) struct Measured {
     difference_nt: Vec<f64>,
+    slope: MapSlope,
+    /// One sigma of the error of the map's slope along the baseline, in nT/m.
+    slope_sigma: f64,
+}
+
+impl Measured {
+    fn slope_error(&self) -> SlopeError<'_> {
+        self.slope.error(self.slope_sigma)
+    }
 }
 
 /// What became of the samples.

@@ -9,7 +9,7 @@ use schemas::{Fault, metric::Shown};
 use super::{line::Line, metric::metric, source::Source};
 
 metric! {
-    /// error to expect because the map was taken at another height than the line's; 0 with `map_levels_m`
+    /// error to expect because the map was taken at another height than the line's; of the continuation with `map_levels_m`
     MAP_HEIGHT_ERROR = "map_height_error", unit "nT", pool Rms, better Neither, needs [Track, MapHeight];
     |line| Ok(statistics::mean(line.column(Source::MapHeight)?))
 }

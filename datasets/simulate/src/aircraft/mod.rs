@@ -48,6 +48,9 @@ fn part_names<'a>(column: &'a str, own: &'a [&'static str]) -> impl Iterator<Ite
     FIELD_PARTS.iter().chain(own).map(move |part| format!("part_{part}_{column}"))
 }
 
+/// The earth's field along a line in nT: core, anomaly, variation; north, east, down, or in the body frame.
+type EarthParts = [Vec<Vector3<f64>>; 3];
+
 /// The environment of the sensors along a line.
 struct Surroundings<'a> {
     scene: &'a Scene<'a>,
@@ -55,7 +58,7 @@ struct Surroundings<'a> {
     earth: &'a Along,
     motion: Motion,
     /// The earth's field in the body frame in nT: core, anomaly, variation.
-    body_nt: [Vec<Vector3<f64>>; 3],
+    body_nt: EarthParts,
     /// True currents in A: one column each.
     amperes: Vec<Vec<f64>>,
     /// What the fields of the currents are proportional to.
@@ -70,9 +73,7 @@ impl<'a> Surroundings<'a> {
     fn new(scene: &'a Scene, truth: &'a Trajectory, earth: &'a Along) -> Self {
         let start_tt_s = scene.flight.lines.first().map_or(0.0, |l| l.start_tt_s);
         let motion = Motion::of(truth, start_tt_s);
-        let to_body: Vec<_> = (0..truth.tt_s.len()).map(|i| truth.attitude(i).transpose()).collect();
-        let body_nt = [&earth.core_ned_nt, &earth.anomaly_ned_nt, &earth.diurnal_ned_nt]
-            .map(|part| to_body.iter().zip(part).map(|(turn, b)| turn * b).collect());
+        let body_nt = in_body(truth, [&earth.core_ned_nt, &earth.anomaly_ned_nt, &earth.diurnal_ned_nt]);
         let aircraft = &scene.spec.aircraft;
         let currents = aircraft.currents.iter();
         let amperes = currents.map(|c| c.amperes(&motion, &aircraft.temperature, &mut scene.random(&c.name)));
@@ -83,15 +84,20 @@ impl<'a> Surroundings<'a> {
         Self { scene, truth, earth, motion, body_nt, amperes, feeds, iron, until_s }
     }
 
-    /// The components of the field at a sensor, sample by sample.
-    fn field_at(&'a self, name: &str, source: &'a spec::Source) -> impl Iterator<Item = FieldParts> + 'a {
+    /// The components of the field at a sensor, sample by sample; `earth_nt` is the earth's field there, in the body frame.
+    fn field_at(
+        &'a self,
+        name: &str,
+        source: &'a spec::Source,
+        earth_nt: &'a EarthParts,
+    ) -> impl Iterator<Item = FieldParts> + 'a {
         let spec = self.scene.spec;
         let flight = (self.scene.flight.name.as_str(), self.until_s);
         let field = Field::draw(spec.seed, flight, (name, source), (&spec.aircraft, &self.feeds), &spec.components);
-        (0..self.truth.tt_s.len()).map(move |i| self.parts(&field, i))
+        (0..self.truth.tt_s.len()).map(move |i| self.parts(&field, earth_nt, i))
     }
 
-    fn parts(&self, field: &Field, i: usize) -> FieldParts {
+    fn parts(&self, field: &Field, earth_nt: &EarthParts, i: usize) -> FieldParts {
         let drive = Drive {
             earth_nt: self.earth.body_nt[i],
             rate_ntps: self.earth.body_rate_ntps[i],
@@ -102,9 +108,15 @@ impl<'a> Surroundings<'a> {
             iron: self.iron.get(i).copied().unwrap_or_default(),
         };
         let [permanent, induced, eddy, currents, landing, walk, flex, hysteresis] = field.parts_nt(&drive);
-        let [core, anomaly, diurnal] = self.body_nt.each_ref().map(|part| part[i]);
+        let [core, anomaly, diurnal] = earth_nt.each_ref().map(|part| part[i]);
         [core, anomaly, diurnal, permanent, induced, eddy, currents, landing, walk, flex, hysteresis]
     }
+}
+
+/// Parts of the earth's field (north, east, down) in the body frame.
+fn in_body(truth: &Trajectory, ned_nt: [&Vec<Vector3<f64>>; 3]) -> EarthParts {
+    let to_body: Vec<_> = (0..truth.tt_s.len()).map(|i| truth.attitude(i).transpose()).collect();
+    ned_nt.map(|part| to_body.iter().zip(part).map(|(turn, b)| turn * b).collect())
 }
 
 /// The irreversible magnetisation of the airframe's iron along each axis of the body, of that of the reference loop,
@@ -130,20 +142,28 @@ fn iron(scene: &Scene, earth_nt: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
     earth_nt.iter().map(|b| follow(*b)).collect()
 }
 
-/// The readings of every sensor along a line, by column.
-pub(super) fn readings(scene: &Scene, truth: &Trajectory, earth: &Along) -> Vec<(String, Vec<f64>)> {
+/// The readings of every sensor along a line, by column. `at_arms` holds the earth's field (north, east, down) at each scalar
+/// magnetometer that is not at the INS.
+pub(super) fn readings(
+    scene: &Scene,
+    truth: &Trajectory,
+    earth: &Along,
+    at_arms: Vec<Option<EarthParts>>,
+) -> Vec<(String, Vec<f64>)> {
     let aircraft = &scene.spec.aircraft;
     let around = Surroundings::new(scene, truth, earth);
     let (since_s, wanted) = (&around.motion.since_s, aircraft.component_columns);
     let bench = Bench { scene, tt_s: &truth.tt_s, since_s, amperes: &around.amperes, wanted };
     let (mut values, mut parts) = (vec![], vec![]);
-    for sensor in &aircraft.scalars {
-        let reading = bench.scalar(sensor, around.field_at(&sensor.name, &sensor.source));
+    for (sensor, at_arm) in aircraft.scalars.iter().zip(at_arms) {
+        let at_arm = at_arm.map(|ned_nt| in_body(truth, ned_nt.each_ref()));
+        let earth_nt = at_arm.as_ref().unwrap_or(&around.body_nt);
+        let reading = bench.scalar(sensor, around.field_at(&sensor.name, &sensor.source, earth_nt));
         values.push(reading.values_nt);
         parts.extend(reading.parts_nt);
     }
     for sensor in &aircraft.vectors {
-        let field = around.field_at(&sensor.name, &sensor.source);
+        let field = around.field_at(&sensor.name, &sensor.source, &around.body_nt);
         for reading in bench.vector(sensor, &aircraft.temperature, field) {
             values.push(reading.values_nt);
             parts.extend(reading.parts_nt);

@@ -309,6 +309,51 @@ fn law_wires_and_flex_act_where_they_are() {
 }
 
 #[test]
+fn law_magnetometers_measure_the_field_where_they_are() {
+    // 60 m/s northward without gusts: 60 m ahead is where the INS is a second later.
+    let north = "
+[[flights]]
+name = 'A'
+start_tt_s = 36000.0
+[[flights.lines]]
+name = 'A.1'
+alt_m = 700.0
+speed_mps = 60.0
+duration_s = 120.0
+waypoints = [[-22.1, 140.65], [-21.9, 140.65]]
+";
+    let mags = "[[magnetometers]]\nname = 'mag_2_uc'\n[[magnetometers]]\nname = 'mag_3_uc'\narm_m = [60.0, 0.0, 0.0]\n\
+                [[magnetometers]]\nname = 'mag_4_uc'\narm_m = [0.0, 0.0, -100.0]\n\
+                [[magnetometers]]\nname = 'mag_5_uc'\narm_m = [0.0, 50.0, 0.0]\n";
+    let still = |text: &str| text.replace("gusts_deg = [1.5, 0.5, 0.7]", "gusts_deg = [0.0, 0.0, 0.0]");
+    let fly = |line: &str| {
+        let folder = TempDir::new().unwrap();
+        let path = spec(&folder, "rate_hz = 1.0", mags, line);
+        fs::write(&path, still(&fs::read_to_string(&path).unwrap())).unwrap();
+        let simulation = Simulation::open(&path).unwrap();
+        simulation.into_lines(1).next().unwrap().unwrap().into_batch(&path).unwrap()
+    };
+    let flight = fly(north);
+    let (here, ahead) = (column(&flight, "mag_2_uc"), column(&flight, "mag_3_uc"));
+    let off = |k: usize| ahead[k] - here[k + 1];
+    let moved: Vec<f64> = (10..100).map(|k| here[k + 1] - here[k]).collect();
+    let missed: Vec<f64> = (10..100).map(off).collect();
+    // Level flight has an angle of attack, by which 60 m ahead are some metres up.
+    assert!(sd(&missed) < 0.1 * sd(&moved), "{} {}", sd(&missed), sd(&moved));
+    let (up, right) = (column(&flight, "mag_4_uc"), column(&flight, "mag_5_uc"));
+    let higher = fly(&north.replace("alt_m = 700.0", "alt_m = 800.0"));
+    let over = column(&higher, "mag_2_uc");
+    let missed: Vec<f64> = (10..100).map(|k| up[k] - over[k]).collect();
+    let lifted: Vec<f64> = (10..100).map(|k| up[k] - here[k]).collect();
+    assert!(sd(&missed) < 0.1 * sd(&lifted), "{} {}", sd(&missed), sd(&lifted));
+    let east = fly(&north.replace("140.65", "140.650484"));
+    let beside = column(&east, "mag_2_uc");
+    let missed: Vec<f64> = (10..100).map(|k| right[k] - beside[k]).collect();
+    let across: Vec<f64> = (10..100).map(|k| right[k] - here[k]).collect();
+    assert!(sd(&missed) < 0.1 * sd(&across), "{} {}", sd(&missed), sd(&across));
+}
+
+#[test]
 fn law_a_scalar_loses_its_signal_in_dead_zones_and_dropouts() {
     let sensor = |more: &str| format!("[[magnetometers]]\nname = 'mag_2_uc'\naxis = [0.0, 0.0, 1.0]\n{more}\n");
     let dead = |more: &str| lines_of("", &sensor(more), SURVEY)[0].clone();

@@ -113,6 +113,20 @@ pub(super) fn along(scene: &Scene, truth: &Trajectory, field: &Field) -> Result<
     Ok(out)
 }
 
+/// Core field, crustal field and temporal variation (north, east, down; nT) at a place of the body `arm_m` (nose, right,
+/// down) from the INS.
+///
+/// # Errors
+/// Fails as [`along`].
+pub(super) fn at_arm(
+    scene: &Scene,
+    truth: &Trajectory,
+    field: &Field,
+    arm_m: &Vector3<f64>,
+) -> Result<[Vec<Vector3<f64>>; 3], ReadError> {
+    parts(scene, &truth.at_arm(arm_m), field, 0.0)
+}
+
 /// The rate of the field's components north, east and down along the track, in nT/s.
 fn rates(scene: &Scene, truth: &Trajectory, field: &Field) -> Result<Vec<Vector3<f64>>, ReadError> {
     let whole = |by_s: f64| -> Result<Vec<Vector3<f64>>, ReadError> {

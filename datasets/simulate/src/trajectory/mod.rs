@@ -12,7 +12,7 @@ use nalgebra::{Matrix3, Vector3};
 use numerics::angle::wrap_deg;
 use numerics::earth::{
     attitude::body_to_ned,
-    geodesy::{ECCENTRICITY_SQUARED, meridian_radius_m, transverse_radius_m},
+    geodesy::{ECCENTRICITY_SQUARED, EarthModel, meridian_radius_m, transverse_radius_m},
 };
 use numerics::navigation::{mechanisation::normal_gravity_mps2, strapdown::specific_force_mps2};
 
@@ -66,6 +66,20 @@ impl Trajectory {
     pub(super) fn attitude(&self, i: usize) -> Matrix3<f64> {
         let [roll, pitch, yaw] = self.attitude_deg.each_ref().map(|a| a[i].to_radians());
         body_to_ned(roll, pitch, yaw)
+    }
+
+    /// The same with the positions of a place of the body `arm_m` (nose, right, down) from its own.
+    pub(super) fn at_arm(&self, arm_m: &Vector3<f64>) -> Self {
+        let mut moved = self.clone();
+        for i in 0..self.tt_s.len() {
+            let along = self.attitude(i) * arm_m;
+            let (lat_rad, alt_m) = (self.lat_deg[i].to_radians(), self.alt_m[i]);
+            let (north, east) = EarthModel::Wgs84.north_east_m_per_rad(lat_rad, alt_m);
+            moved.lat_deg[i] += (along.x / north).to_degrees();
+            moved.lon_deg[i] += (along.y / east).to_degrees();
+            moved.alt_m[i] -= along.z;
+        }
+        moved
     }
 
     /// Latitudes, longitudes (deg) and heights (m).

@@ -18,6 +18,7 @@ mod edge_error;
 mod extension;
 mod gain;
 mod l_curve;
+mod level_error;
 mod radial_power;
 mod spectrum;
 mod transform;

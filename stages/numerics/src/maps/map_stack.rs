@@ -367,6 +367,15 @@ impl FieldMap {
         }
     }
 
+    /// Whether the map changes with height: a flat map without a vertical derivative does not.
+    pub fn has_upward_slope(&self) -> bool {
+        match self {
+            Self::Flat(map) => map.alt_m().is_some(),
+            Self::Stack(_) | Self::Drape(_) => true,
+            Self::Projected(map) => map.has_upward_slope(),
+        }
+    }
+
     /// [`Self::at`] for many positions; positions without a value are NaN.
     ///
     /// # Errors

@@ -10,6 +10,7 @@
 //! end is.
 
 pub(crate) mod filter;
+mod slope_error;
 
 use params::{Rule, obeys};
 
@@ -18,8 +19,11 @@ use crate::navigation::line::NavigationLine;
 use crate::navigation::output::{NavigationError, NavigationOutput};
 use crate::navigation::ukf::UkfParameters;
 
-pub use crate::navigation::aids::{AidInnovations, Aids, Difference, Height, Innovations, MapError, Usage, Vector};
+pub use crate::navigation::aids::{
+    AidInnovations, Aids, Difference, Height, Innovations, MapError, MapSlope, SlopeError, Usage, Vector,
+};
 use filter::Filter;
+pub use slope_error::likely_slope_error;
 
 /// How a measurement of the field is linearised.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -7,7 +7,7 @@
 //!
 //! ```text
 //! scalar       z = map(p - v τ) + core(p - v τ) + S + e + white noise
-//! difference   d = f(p + a/2) − f(p − a/2) + b_d + white noise,         f = map + core,   a = C_true r
+//! difference   d = f(p + a/2) − f(p − a/2) + |a_h| g_h + a_u g_u + b_d + white noise,   f = map + core,   a = C_true r
 //! vector       m = C_trueᵀ (core vector(p) + û (map(p) + S) + a_c) + b_v + white noise,   C_trueᵀ = Cᵀ (I + [ψ×])
 //! height       h = altitude of p + b_h + white noise
 //! ```
@@ -25,6 +25,11 @@
 //! turns the baseline: ∂d/∂ψ = g × C r with the mean g of the slopes at both ends, half a degree of heading along 15 m where
 //! the slope across is 0.1 nT/m being 0.013 nT. So a difference tells the heading too, where the map is steep.
 //!
+//! The map's slope has errors, and the difference has them times the baseline: g_h along its horizontal part a_h, and g_u along
+//! its upward part a_u ([`SlopeError`]). Both are states that last for a length of the track. A map of one height has no slope
+//! upwards, so that g_u is all of it: with 2.5 degrees of pitch, 15 m of baseline have 0.65 m of height, at 0.1 nT/m more
+//! than such a difference's noise.
+//!
 //! **The vector** tells the attitude about the field to (σ_v, b_v)/|B|: 50 nT of 50,000 are 0.06 degrees. Its other part is
 //! the scalar field once more. The scalar map does not tell the crustal field across the core field, which is as large
 //! as the anomaly and is the state a_c (north, east, down, each of one standard deviation, lasting for a length).
@@ -35,6 +40,7 @@
 //! stays right. A smoother leaves the sample out, as there is no such update among its least squares.
 
 mod rows;
+mod slope;
 mod states;
 
 use std::sync::Arc;
@@ -48,6 +54,7 @@ use crate::navigation::output::{Innovation, NavigationError, NavigationReport};
 use crate::signal::gauss_markov::GaussMarkov;
 
 pub(crate) use rows::{Aid, Linear, Rows, SampleInnovations, rotation};
+pub use slope::{MapSlope, SlopeError};
 pub(crate) use states::AidStates;
 
 /// The difference of two scalar magnetometers, first minus second.
@@ -59,6 +66,8 @@ pub struct Difference<'a> {
     pub sigma_nt: f64,
     /// From the second magnetometer to the first along nose, right and down, in m. Their middle is where the INS is.
     pub baseline_m: [f64; 3],
+    /// The error of the map's slope.
+    pub slope: SlopeError<'a>,
     /// What lasts of its error, in nT.
     pub bias: GaussMarkov,
 }
@@ -201,8 +210,9 @@ impl Aids<'_> {
             require(&format!("{name}_sigma"), of.sigma, Rule::NotNegative)?;
             require(&format!("{name}_tau_s"), of.tau_s, Rule::Positive)
         };
-        if let Some(Difference { difference_nt, sigma_nt, baseline_m, bias }) = &self.difference {
+        if let Some(Difference { difference_nt, sigma_nt, baseline_m, slope, bias }) = &self.difference {
             length("difference", difference_nt.len())?;
+            slope.check(rows)?;
             require("gradient_sigma_nt", *sigma_nt, Rule::Positive)?;
             lasting("gradient_bias", *bias)?;
             for part in baseline_m {

@@ -104,6 +104,8 @@ pub const UNEXPLAINED_NIS: f64 = 37.33;
 const WITH_BIASES: usize = STATES + 3;
 /// States with those of a vector.
 const WITH_VECTOR: usize = WITH_BIASES + 6;
+/// States with those of a vector and of the map's slope.
+const WITH_ALL: usize = WITH_VECTOR + 2;
 
 /// Filters one line.
 ///
@@ -127,7 +129,8 @@ pub fn run(
     match STATES + states.errors.len() {
         STATES => Filter::<STATES>::new(line, aids, states, parameters).run(),
         ..=WITH_BIASES => Filter::<WITH_BIASES>::new(line, aids, states, parameters).run(),
-        _ => Filter::<WITH_VECTOR>::new(line, aids, states, parameters).run(),
+        ..=WITH_VECTOR => Filter::<WITH_VECTOR>::new(line, aids, states, parameters).run(),
+        _ => Filter::<WITH_ALL>::new(line, aids, states, parameters).run(),
     }
 }
 

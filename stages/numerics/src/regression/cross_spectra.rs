@@ -12,6 +12,12 @@
 //! of freedom. The bands are an eighth of an octave wide; neighbours are joined until the fit has left them enough degrees of
 //! freedom to estimate a power. Terms and residual may have any spectrum that is smooth within a band.
 //!
+//! A residual that wanders, as a random walk does in a fit without a filter, ends elsewhere than it begins. Its waves depend on
+//! each other by that jump, whose ramp a slow term takes up: standard deviations are then 2 to 4 times too small. So where the
+//! slowest waves are far stronger than the next ones, a residual is a ramp from its first sample to its last and what is left,
+//! whose waves are independent; the ramp's variance is that of a walk with the increments of the slowest waves
+//! ([`Ends::Wandering`]). A constant of a walk is as uncertain as the walk is long, which is no part of its standard deviation.
+//!
 //! Source: Hannan 1963, Regression for time series; Robinson 1998, Inference without smoothing in the presence of
 //! nonparametric autocorrelation, Econometrica 66(5).
 
@@ -26,6 +32,22 @@ const LOWEST_HZ: f64 = 1e-3;
 /// Degrees of freedom that a band has at least after the fit.
 const LEAST_FREEDOM: f64 = 16.0;
 
+/// The waves of a run that tell a residual that wanders: the slowest, and those that they are compared with.
+const SLOWEST: std::ops::Range<usize> = 1..5;
+const NEXT: std::ops::Range<usize> = 9..25;
+/// The slowest waves of a residual that wanders have at least this many times the power of the next: of independent samples,
+/// fewer than one run in a million does; a random walk has 80 times.
+const WANDERS: f64 = 10.0;
+
+/// What a residual may do between the first and the last sample of a run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Ends {
+    /// It is as far from 0 at one end as at the other: rows behind a high-pass.
+    Bound,
+    /// It may wander.
+    Wandering,
+}
+
 /// Cross-products of columns within one band of frequencies.
 #[derive(Clone, Debug, PartialEq)]
 struct Band {
@@ -33,6 +55,50 @@ struct Band {
     freedom: f64,
     /// The upper triangle of the cross-products, row by row.
     products: Vec<f64>,
+    /// That of columns less their ramps; of [`Ends::Bound`] it is empty.
+    level: Vec<f64>,
+}
+
+impl Band {
+    fn none(size: usize, level: bool) -> Self {
+        Self { freedom: 0.0, products: vec![0.0; size], level: vec![0.0; if level { size } else { 0 }] }
+    }
+
+    fn add(&mut self, other: &Self) {
+        self.freedom += other.freedom;
+        self.products.iter_mut().zip(&other.products).for_each(|(a, b)| *a += b);
+        self.level.iter_mut().zip(&other.level).for_each(|(a, b)| *a += b);
+    }
+}
+
+/// What tells whether a residual wanders, and how far. All but the last are upper triangles, of sums over runs.
+#[derive(Clone, Debug, PartialEq)]
+struct Walk {
+    /// The mean powers of the slowest waves.
+    slowest: Vec<f64>,
+    /// Those of the next.
+    next: Vec<f64>,
+    /// The mean squares of increments of a walk, by the slowest waves of columns less their ramps.
+    increments: Vec<f64>,
+    /// n Aᵀt (Aᵀt)ᵀ with the ramp t from −½ to ½ over n rows.
+    ramps: Vec<f64>,
+    /// Runs that are long enough to have these waves.
+    runs: f64,
+}
+
+impl Walk {
+    fn none(size: usize) -> Self {
+        let zeros = || vec![0.0; size];
+        Self { slowest: zeros(), next: zeros(), increments: zeros(), ramps: zeros(), runs: 0.0 }
+    }
+
+    fn add(&mut self, other: &Self) {
+        let own = [&mut self.slowest, &mut self.next, &mut self.increments, &mut self.ramps];
+        for (own, other) in own.into_iter().zip([&other.slowest, &other.next, &other.increments, &other.ramps]) {
+            own.iter_mut().zip(other).for_each(|(a, b)| *a += b);
+        }
+        self.runs += other.runs;
+    }
 }
 
 /// Cross-products of columns in bands of frequencies; over all bands they are those of the rows.
@@ -43,6 +109,8 @@ pub struct CrossSpectra {
     sums: Vec<f64>,
     /// By their number; the lowest holds the means of the runs.
     bands: BTreeMap<i32, Band>,
+    /// Of [`Ends::Wandering`].
+    walk: Option<Walk>,
 }
 
 /// The number of the band that holds a frequency.
@@ -57,8 +125,9 @@ fn place(width: usize, i: usize, j: usize) -> usize {
 
 impl CrossSpectra {
     /// Spectra without rows, of `width` columns.
-    pub fn new(width: usize) -> Self {
-        Self { width, rows: 0.0, sums: vec![0.0; width], bands: BTreeMap::new() }
+    pub fn new(width: usize, ends: Ends) -> Self {
+        let walk = (ends == Ends::Wandering).then(|| Walk::none(width * (width + 1) / 2));
+        Self { width, rows: 0.0, sums: vec![0.0; width], bands: BTreeMap::new(), walk }
     }
 
     /// Adds a run of evenly spaced rows, row-major, whose values are finite.
@@ -67,38 +136,53 @@ impl CrossSpectra {
         if n == 0 {
             return;
         }
+        let columns: Vec<Vec<f64>> =
+            (0..width).map(|column| rows.iter().skip(column).step_by(width).copied().collect()).collect();
         let fft = RealFftPlanner::<f64>::new().plan_fft_forward(n);
-        let mut spectra: Vec<Vec<Complex<f64>>> = Vec::with_capacity(width);
-        for column in 0..width {
-            let mut values: Vec<f64> = rows.iter().skip(column).step_by(width).copied().collect();
+        let transform = |mut values: Vec<f64>| {
             let mut spectrum = fft.make_output_vec();
             // The lengths are those of the plan.
-            if fft.process(&mut values, &mut spectrum).is_err() {
-                return;
-            }
-            self.sums[column] += spectrum[0].re;
-            spectra.push(spectrum);
-        }
+            fft.process(&mut values, &mut spectrum).ok().map(|()| spectrum)
+        };
+        let level = self.walk.is_some().then(|| columns.iter().map(|values| transform(without_ramp(values))).collect());
+        let level: Option<Option<Vec<_>>> = level;
+        let spectra: Option<Vec<_>> = columns.iter().map(|values| transform(values.clone())).collect();
+        let (Some(spectra), false) = (spectra, level.as_ref().is_some_and(Option::is_none)) else { return };
+        let level = level.flatten();
+        self.sums.iter_mut().zip(&spectra).for_each(|(sum, spectrum)| *sum += spectrum[0].re);
         self.rows += n as f64;
+        let weight = |k: usize| if k == 0 || 2 * k == n { 1.0 } else { 2.0 };
         let of = |k: usize| if k == 0 { -1 } else { band_of(k as f64 * rate_hz / n as f64) };
+        let size = width * (width + 1) / 2;
         let mut first = 0;
         while first <= n / 2 {
             let number = of(first);
             let last = (first..=n / 2).take_while(|k| of(*k) == number).last().unwrap_or(first);
-            let weight = |k: usize| if k == 0 || 2 * k == n { 1.0 } else { 2.0 };
-            let none = || Band { freedom: 0.0, products: vec![0.0; width * (width + 1) / 2] };
-            let band = self.bands.entry(number).or_insert_with(none);
+            let band = self.bands.entry(number).or_insert_with(|| Band::none(size, level.is_some()));
             band.freedom += (first..=last).map(weight).sum::<f64>();
-            for i in 0..width {
-                for j in i..width {
-                    let product = |k: usize| {
-                        let (a, b) = (spectra[i][k], spectra[j][k]);
-                        weight(k) * (a.re * b.re + a.im * b.im)
-                    };
-                    band.products[place(width, i, j)] += (first..=last).map(product).sum::<f64>() / n as f64;
-                }
+            let per_row = |k: usize| weight(k) / n as f64;
+            add_products(&mut band.products, &spectra, first..last + 1, per_row);
+            if let Some(level) = &level {
+                add_products(&mut band.level, level, first..last + 1, per_row);
             }
             first = last + 1;
+        }
+        if let (Some(walk), Some(level)) = (&mut self.walk, &level)
+            && NEXT.end <= n / 2
+        {
+            let mean = |waves: &std::ops::Range<usize>| 1.0 / (n * waves.len()) as f64;
+            add_products(&mut walk.slowest, &spectra, SLOWEST, |_| mean(&SLOWEST));
+            add_products(&mut walk.next, &spectra, NEXT, |_| mean(&NEXT));
+            // A walk has the power of its increments over 4 sin²(π k/n).
+            let increment = |k: usize| (2.0 * (std::f64::consts::PI * k as f64 / n as f64).sin()).powi(2);
+            add_products(&mut walk.increments, level, SLOWEST, |k| mean(&SLOWEST) * increment(k));
+            let along: Vec<f64> = columns.iter().map(|values| along_ramp(values)).collect();
+            for i in 0..width {
+                for j in i..width {
+                    walk.ramps[place(width, i, j)] += n as f64 * along[i] * along[j];
+                }
+            }
+            walk.runs += 1.0;
         }
     }
 
@@ -108,32 +192,44 @@ impl CrossSpectra {
         self.sums.iter_mut().zip(&other.sums).for_each(|(a, b)| *a += b);
         for (number, band) in &other.bands {
             match self.bands.get_mut(number) {
-                Some(own) => {
-                    own.freedom += band.freedom;
-                    own.products.iter_mut().zip(&band.products).for_each(|(a, b)| *a += b);
-                }
+                Some(own) => own.add(band),
                 None => {
                     self.bands.insert(*number, band.clone());
                 }
             }
+        }
+        match (&mut self.walk, &other.walk) {
+            (Some(own), Some(other)) => own.add(other),
+            // Rows of which it is not known do not tell.
+            (own, _) => *own = None,
         }
     }
 
     /// The same of some columns, each multiplied by its factor; a column that is not there is left out.
     pub fn select(&self, columns: &[(usize, f64)]) -> Self {
         let columns: Vec<(usize, f64)> = columns.iter().copied().filter(|(c, _)| *c < self.width).collect();
-        let cut = |band: &Band| {
+        let cut = |products: &Vec<f64>| -> Vec<f64> {
             let row = |(i, (a, x)): (usize, &(usize, f64))| {
                 let own = columns.iter().skip(i);
-                own.map(|(b, y)| x * y * band.products[place(self.width, *a.min(b), *a.max(b))]).collect::<Vec<f64>>()
+                own.map(|(b, y)| x * y * products[place(self.width, *a.min(b), *a.max(b))]).collect::<Vec<f64>>()
             };
-            Band { freedom: band.freedom, products: columns.iter().enumerate().flat_map(row).collect() }
+            if products.is_empty() { vec![] } else { columns.iter().enumerate().flat_map(row).collect() }
+        };
+        let of_band =
+            |band: &Band| Band { freedom: band.freedom, products: cut(&band.products), level: cut(&band.level) };
+        let of_walk = |walk: &Walk| Walk {
+            slowest: cut(&walk.slowest),
+            next: cut(&walk.next),
+            increments: cut(&walk.increments),
+            ramps: cut(&walk.ramps),
+            runs: walk.runs,
         };
         Self {
             width: columns.len(),
             rows: self.rows,
             sums: columns.iter().map(|(c, x)| x * self.sums[*c]).collect(),
-            bands: self.bands.iter().map(|(number, band)| (*number, cut(band))).collect(),
+            bands: self.bands.iter().map(|(number, band)| (*number, of_band(band))).collect(),
+            walk: self.walk.as_ref().map(of_walk),
         }
     }
 
@@ -142,7 +238,8 @@ impl CrossSpectra {
     /// taken about their means. `None` where the rows have no degree of freedom beyond the coefficients.
     pub fn covariance(&self, coefficients: &[f64], gain: &[f64], centred: bool) -> Option<Vec<f64>> {
         let p = self.width.checked_sub(1).filter(|p| coefficients.len() == *p && gain.len() == p * p)?;
-        let at = |band: &Band, i: usize, j: usize| band.products[place(self.width, i.min(j), i.max(j))];
+        let entry = |products: &[f64], i: usize, j: usize| products[place(self.width, i.min(j), i.max(j))];
+        let at = |band: &Band, i: usize, j: usize| entry(&band.products, i, j);
         let mut joined: Vec<(Band, f64)> = vec![];
         let mut open: Option<Band> = None;
         let fitted_of = |band: &Band| -> f64 {
@@ -151,8 +248,7 @@ impl CrossSpectra {
         for band in self.about_means(centred) {
             let band = match open.take() {
                 Some(mut before) => {
-                    before.freedom += band.freedom;
-                    before.products.iter_mut().zip(&band.products).for_each(|(a, b)| *a += b);
+                    before.add(&band);
                     before
                 }
                 None => band,
@@ -168,23 +264,33 @@ impl CrossSpectra {
             let fitted = fitted_of(&rest);
             match joined.last_mut() {
                 Some((band, of_band)) => {
-                    band.freedom += rest.freedom;
-                    band.products.iter_mut().zip(&rest.products).for_each(|(a, b)| *a += b);
+                    band.add(&rest);
                     *of_band += fitted;
                 }
                 None => joined.push((rest, fitted)),
             }
         }
         let signed: Vec<f64> = coefficients.iter().map(|b| -b).chain([1.0]).collect();
+        let of_residual = |products: &[f64]| -> f64 {
+            let row = |i: usize| (0..=p).map(|j| signed[j] * entry(products, i, j)).sum::<f64>();
+            (0..=p).map(|i| signed[i] * row(i)).sum::<f64>().max(0.0)
+        };
+        let walk = self
+            .walk
+            .as_ref()
+            .filter(|walk| walk.runs > 0.0 && of_residual(&walk.slowest) > WANDERS * of_residual(&walk.next));
         let mut middle = vec![0.0; p * p];
         for (band, fitted) in &joined {
             let left = band.freedom - fitted;
             if left <= 0.0 {
                 return None;
             }
-            let row = |i: usize| (0..=p).map(|j| signed[j] * at(band, i, j)).sum::<f64>();
-            let power = (0..=p).map(|i| signed[i] * row(i)).sum::<f64>().max(0.0) / left;
+            let power = of_residual(if walk.is_some() { &band.level } else { &band.products }) / left;
             middle.iter_mut().enumerate().for_each(|(ij, m)| *m += power * at(band, ij / p, ij % p));
+        }
+        if let Some(walk) = walk {
+            let square = of_residual(&walk.increments) / walk.runs;
+            middle.iter_mut().enumerate().for_each(|(ij, m)| *m += square * entry(&walk.ramps, ij / p, ij % p));
         }
         Some(product(&product(gain, &middle, p), gain, p))
     }
@@ -197,7 +303,10 @@ impl CrossSpectra {
                 band.freedom -= 1.0;
                 for i in 0..self.width {
                     for j in i..self.width {
-                        band.products[place(self.width, i, j)] -= self.sums[i] * self.sums[j] / self.rows;
+                        // A ramp has no mean.
+                        let (at, means) = (place(self.width, i, j), self.sums[i] * self.sums[j] / self.rows);
+                        band.products[at] -= means;
+                        band.level.iter_mut().skip(at).take(1).for_each(|product| *product -= means);
                     }
                 }
             }
@@ -205,6 +314,41 @@ impl CrossSpectra {
         };
         self.bands.iter().map(off)
     }
+}
+
+/// Adds the products of columns over waves, each with its weight, to an upper triangle.
+fn add_products(
+    to: &mut [f64],
+    spectra: &[Vec<Complex<f64>>],
+    waves: std::ops::Range<usize>,
+    weight: impl Fn(usize) -> f64,
+) {
+    let width = spectra.len();
+    for i in 0..width {
+        for j in i..width {
+            let product = |k: usize| {
+                let (a, b) = (spectra[i][k], spectra[j][k]);
+                weight(k) * (a.re * b.re + a.im * b.im)
+            };
+            to[place(width, i, j)] += waves.clone().map(product).sum::<f64>();
+        }
+    }
+}
+
+/// The ramp from −½ to ½ at a row of `n`.
+fn ramp(row: usize, n: usize) -> f64 {
+    row as f64 / (n.max(2) - 1) as f64 - 0.5
+}
+
+/// The sum of values times the ramp.
+fn along_ramp(values: &[f64]) -> f64 {
+    values.iter().enumerate().map(|(row, x)| x * ramp(row, values.len())).sum()
+}
+
+/// Values less the ramp from the first to the last.
+fn without_ramp(values: &[f64]) -> Vec<f64> {
+    let jump = values.last().zip(values.first()).map_or(0.0, |(last, first)| last - first);
+    values.iter().enumerate().map(|(row, x)| x - jump * ramp(row, values.len())).collect()
 }
 
 /// The product of two square matrices of `p` rows.
@@ -225,7 +369,7 @@ mod tests {
     #[test]
     fn law_the_bands_add_up_to_the_products_of_the_rows() {
         for n in [1, 2, 101, 300] {
-            let (mut found, x) = (CrossSpectra::new(3), rows(n, 0.4));
+            let (mut found, x) = (CrossSpectra::new(3, Ends::Wandering), rows(n, 0.4));
             found.push(&x, 10.0);
             let freedom: f64 = found.bands.values().map(|b| b.freedom).sum();
             assert_eq!(freedom, n as f64);
@@ -239,7 +383,11 @@ mod tests {
 
     #[test]
     fn law_two_runs_merged_and_cut_are_those_of_the_cut_rows() {
-        let (mut one, mut other, mut cut) = (CrossSpectra::new(3), CrossSpectra::new(3), CrossSpectra::new(2));
+        let (mut one, mut other, mut cut) = (
+            CrossSpectra::new(3, Ends::Wandering),
+            CrossSpectra::new(3, Ends::Wandering),
+            CrossSpectra::new(2, Ends::Wandering),
+        );
         for (spectra, n, phase) in [(&mut one, 200, 0.0), (&mut other, 150, 1.0)] {
             spectra.push(&rows(n, phase), 10.0);
             let part: Vec<f64> = rows(n, phase).chunks(3).flat_map(|row| [row[2], 3.0 * row[0]]).collect();
@@ -262,7 +410,7 @@ mod tests {
         let one = |run: u64| {
             let y = of(&mut Normals::new(run));
             let b = gain * term.iter().zip(&y).map(|(a, y)| a * y).sum::<f64>();
-            let mut spectra = CrossSpectra::new(2);
+            let mut spectra = CrossSpectra::new(2, Ends::Wandering);
             spectra.push(&term.iter().zip(&y).flat_map(|(a, y)| [*a, *y]).collect::<Vec<f64>>(), 10.0);
             (b, spectra.covariance(&[b], &[gain], false).unwrap()[0])
         };
@@ -291,10 +439,56 @@ mod tests {
     }
 
     #[test]
+    fn law_slow_terms_of_a_residual_that_wanders_scatter_as_claimed() {
+        // Four headings in turn, as in a box, and a term that is fast.
+        let n = 3000;
+        let heading = |k: usize| (k / 750) as f64 * std::f64::consts::FRAC_PI_2;
+        let terms: Vec<[f64; 4]> =
+            (0..n).map(|k| [heading(k).cos(), heading(k).sin(), (0.09 * k as f64).sin(), 1.0]).collect();
+        let a = nalgebra::DMatrix::from_fn(n, 4, |row, column| terms[row][column]);
+        let gain = (a.transpose() * &a).try_inverse().unwrap();
+        let walk = |normals: &mut Normals| {
+            let mut x = 0.0;
+            (0..n)
+                .map(|_| {
+                    x += 0.1 * normals.draw();
+                    x + normals.draw()
+                })
+                .collect::<Vec<f64>>()
+        };
+        let white = |normals: &mut Normals| (0..n).map(|_| normals.draw()).collect::<Vec<f64>>();
+        let ratios = |of: &dyn Fn(&mut Normals) -> Vec<f64>, ends: Ends| -> [f64; 3] {
+            let (mut found, mut claimed) = ([0.0; 3], [0.0; 3]);
+            for run in 0..200 {
+                let y = of(&mut Normals::new(run));
+                let b = &gain * a.transpose() * nalgebra::DVector::from_column_slice(&y);
+                let mut spectra = CrossSpectra::new(5, ends);
+                let rows: Vec<f64> =
+                    terms.iter().zip(&y).flat_map(|(row, y)| row.iter().copied().chain([*y])).collect();
+                spectra.push(&rows, 10.0);
+                let covariance = spectra.covariance(b.as_slice(), gain.as_slice(), false).unwrap();
+                for term in 0..3 {
+                    found[term] += b[term] * b[term];
+                    claimed[term] += covariance[term * 5];
+                }
+            }
+            std::array::from_fn(|term| f64::sqrt(found[term] / claimed[term]))
+        };
+        let known = ratios(&walk, Ends::Wandering);
+        let plain = ratios(&walk, Ends::Bound);
+        println!("scatter over claimed: {known:.2?}, {plain:.2?} without the ramp");
+        // 200 draws of a standard deviation: 5 %; the walk's increments are known by 8 degrees of freedom a run.
+        assert!(known.iter().all(|ratio| (0.75..1.3).contains(ratio)), "{known:?}");
+        assert!(plain[0] > 2.5 && plain[1] > 2.5, "{plain:?}");
+        let steady = ratios(&white, Ends::Wandering);
+        assert!(steady.iter().all(|ratio| (0.85..1.15).contains(ratio)), "{steady:?}");
+    }
+
+    #[test]
     fn law_white_noise_has_the_covariance_of_independent_rows() {
         let mut normals = Normals::new(7);
         let x: Vec<f64> = (0..4000).flat_map(|_| [normals.draw(), normals.draw() + 5.0]).collect();
-        let mut spectra = CrossSpectra::new(2);
+        let mut spectra = CrossSpectra::new(2, Ends::Wandering);
         spectra.push(&x, 10.0);
         let gain = 1.0 / 4000.0;
         let found = spectra.covariance(&[0.0], &[gain], true).unwrap()[0];

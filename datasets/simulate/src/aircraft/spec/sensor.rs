@@ -20,6 +20,8 @@ pub struct Scalar {
     pub name: String,
     /// The aircraft's field there.
     pub source: Source,
+    /// Where it is from the INS along nose, right and down, in m, for the earth's field; `None` is at the INS.
+    pub arm_m: Option<Vector3<f64>>,
     /// White noise, in nT.
     pub noise_nt: f64,
     /// Its own slow drift.
@@ -169,6 +171,9 @@ params! {
     pub struct ScalarKeys, groups [source: SourceKeys, sampling: SamplingKeys];
     /// The column, `mag_N_uc` or `mag_1_c`.
     name: String, unit "";
+    /// Where it measures the earth's field, from the INS along nose, right and down. The field is evaluated there, turned by the
+    /// true attitude, so that two magnetometers measure the difference of the field between them.
+    arm_m: [f64; 3], unit "m", default [0.0; 3], rule Rule::Between(-200.0, 200.0);
     /// White noise.
     noise_nt: f64, unit "nT", default 0.0, rule Rule::NotNegative;
     /// Its own slow drift.
@@ -255,6 +260,7 @@ pub(super) fn scalar(s: &Section, currents: &[Current]) -> Option<Scalar> {
         source: source(s, keys.source, currents),
         sampling: keys.sampling.sampling(),
         name: keys.name,
+        arm_m: Some(Vector3::from(keys.arm_m)).filter(|arm| arm.norm() > 0.0),
         noise_nt: keys.noise_nt,
         drift: drift(keys.drift),
         heading,

@@ -13,8 +13,21 @@ const MOST_NODES: usize = 2048;
 /// The mean square of a map, less its mean and trend, by wavenumber.
 #[derive(Clone, Debug)]
 pub struct RadialPower {
-    /// Mean wavenumber (rad/m) and mean square (nT²) of each bin that contains a wave.
-    bins: Vec<(f64, f64)>,
+    /// The bins that contain a wave, by wavenumber.
+    pub(super) bins: Vec<Bin>,
+    /// The wavenumber of two nodes along the wider spacing, in rad/m: beyond it not all directions are in the map.
+    pub(super) round_k: f64,
+}
+
+/// The waves of similar wavenumber.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Bin {
+    /// Mean wavenumber, in rad/m.
+    pub(super) k: f64,
+    /// Mean square, in nT².
+    pub(super) square: f64,
+    /// Their part of all waves of the map.
+    pub(super) part: f64,
 }
 
 impl RadialPower {
@@ -28,7 +41,7 @@ impl RadialPower {
         let mean = known.iter().sum::<f64>() / known.len().max(1) as f64;
         map.values.iter_mut().filter(|x| !x.is_finite()).for_each(|x| *x = mean);
         let spectrum = Spectrum::new(&map, 0.0, &Padding::default())?;
-        let mut bins = vec![(0.0, 0.0); BINS];
+        let mut bins = vec![(0.0, 0.0, 0.0); BINS];
         let longest = spectrum.each_wave().map(|(k, _)| k).filter(|k| *k > 0.0).fold(f64::INFINITY, f64::min);
         let shortest = spectrum.each_wave().map(|(k, _)| k).fold(0.0, f64::max);
         let per_bin = (shortest / longest).ln() / BINS as f64;
@@ -36,6 +49,7 @@ impl RadialPower {
             let at = (((k / longest).ln() / per_bin) as usize).min(BINS - 1);
             bins[at].0 += k * square;
             bins[at].1 += square;
+            bins[at].2 += 1.0;
         }
         // The padding contains part of the power: the total is scaled to that of the known nodes.
         let trend = spectrum.trend;
@@ -46,8 +60,11 @@ impl RadialPower {
         let whole = flat.iter().map(|x| (x - middle).powi(2)).sum::<f64>() / known.len().max(1) as f64;
         let sum: f64 = bins.iter().map(|b| b.1).sum();
         let scale = if sum > 0.0 { whole / sum } else { 0.0 };
+        let waves: f64 = bins.iter().map(|b| b.2).sum();
         let kept = bins.into_iter().filter(|b| b.1 > 0.0);
-        Ok(Self { bins: kept.map(|(k, square)| (k / square, square * scale)).collect() })
+        let bin = |(k, square, count)| Bin { k: k / square, square: square * scale, part: count / waves };
+        let round_k = std::f64::consts::PI / map.east_m.step.max(map.north_m.step);
+        Ok(Self { bins: kept.map(bin).collect(), round_k })
     }
 
     /// The root mean square over the map, in nT, of the difference between it and the same field `up_m` metres above it
@@ -57,7 +74,7 @@ impl RadialPower {
             let grown = (-k * up_m).exp();
             if up_m >= 0.0 { grown } else { grown / (1.0 + MAGNAV_ALPHA_M2 * k * k * grown) }
         };
-        self.bins.iter().map(|(k, square)| square * (1.0 - factor(*k)).powi(2)).sum::<f64>().sqrt()
+        self.bins.iter().map(|bin| bin.square * (1.0 - factor(bin.k)).powi(2)).sum::<f64>().sqrt()
     }
 }
 

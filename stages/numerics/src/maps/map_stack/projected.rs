@@ -33,6 +33,14 @@ impl ProjectedMap {
         Self { projection, nodes: OnNodes::Stack(stack) }
     }
 
+    /// Whether the map changes with height.
+    pub(crate) fn has_upward_slope(&self) -> bool {
+        match &self.nodes {
+            OnNodes::Flat(map) => map.alt_m().is_some(),
+            OnNodes::Stack(_) => true,
+        }
+    }
+
     /// The anomaly and its gradient at a position in degrees and metres; `None` where the map has none.
     pub fn at(&self, lat_deg: f64, lon_deg: f64, alt_m: f64) -> Option<FieldValue> {
         let place = self.projection.at(lat_deg, lon_deg)?;

@@ -26,13 +26,21 @@ struct OfField {
     further: (usize, f64),
     /// The delay and its entry.
     latency: (usize, f64),
+    /// The first of the two errors of the map's slope, and their entries.
+    slope: Option<(usize, [f64; 2])>,
 }
 
 impl OfField {
     /// What the measurement holds beside the field.
     fn own(&self, v: &[f64]) -> f64 {
         let tilt: f64 = self.tilt.iter().zip(&v[TILT_N..]).map(|(h, x)| h * x).sum();
-        self.temporal * v[S] + self.further.1 * v[self.further.0] + self.latency.1 * v[self.latency.0] + tilt
+        let slope: f64 = self.of_slope().map(|(state, entry)| entry * v[state]).sum();
+        self.temporal * v[S] + self.further.1 * v[self.further.0] + self.latency.1 * v[self.latency.0] + tilt + slope
+    }
+
+    /// The errors of the map's slope with their entries.
+    fn of_slope(&self) -> impl Iterator<Item = (usize, f64)> {
+        self.slope.into_iter().flat_map(|(first, entries)| (first..).zip(entries))
     }
 
     /// The row of H of the 18 states.
@@ -43,8 +51,9 @@ impl OfField {
         row
     }
 
-    fn sensitivity<'a>(&self, row: &'a StateVector) -> Sensitivity<'a> {
-        Sensitivity { error: self.further, common: self.latency, ..Sensitivity::of_ins(row) }
+    fn sensitivity<'a>(&'a self, row: &'a StateVector) -> Sensitivity<'a> {
+        let (first, regressors) = self.slope.as_ref().map_or((0, [].as_slice()), |(first, of)| (*first, of));
+        Sensitivity { error: self.further, common: self.latency, first, regressors, ..Sensitivity::of_ins(row) }
     }
 }
 
@@ -257,7 +266,7 @@ impl<'a> Filter<'a> {
         // The field is looked up where the estimated delay puts it, so that H x counts what it changes by from there.
         let (latency, part_nt) = self.latency(row, &centre);
         let (value_nt, further, delayed) = (value_nt + part_nt, self.states.of_map(), self.delayed(row));
-        let of = OfField { value_nt, variance_nt2, temporal: 1.0, tilt: [0.0; 3], further, latency };
+        let of = OfField { value_nt, variance_nt2, temporal: 1.0, tilt: [0.0; 3], further, latency, slope: None };
         let (line, flat) = (self.line, self.aids.is_flat(variance_nt2, slope));
         self.correct(of, row, centre, flat, |field, error| field.at_error(line.ins, row, moved(error, delayed)))
     }
@@ -279,7 +288,9 @@ impl<'a> Filter<'a> {
         }
         let Some((centre, tilt)) = of.field(&mut self.field, line, row, position) else { return Outcome::OffMap };
         let variance_nt2 = of.sigma_nt * of.sigma_nt;
-        let measured = OfField { value_nt, variance_nt2, temporal: 0.0, tilt, further: (bias, 1.0), latency: (S, 0.0) };
+        let slope = self.states.slope.map(|first| (first, of.slope_entries(line, row)));
+        let (further, latency) = ((bias, 1.0), (S, 0.0));
+        let measured = OfField { value_nt, variance_nt2, temporal: 0.0, tilt, further, latency, slope };
         let look_up = |field: &mut PredictedField<'a>, error| of.field(field, line, row, error).map(|(at, _)| at);
         self.correct(measured, row, centre, false, look_up)
     }
@@ -299,7 +310,7 @@ impl<'a> Filter<'a> {
         let lasting = (of.temporal * self.line.errors.fogm_sigma_nt).powi(2);
         let by_truth = || {
             let of_map = self.states.variance(of.further.0).map_or(0.0, |variance| of.further.1.powi(2) * variance);
-            of.variance_nt2 + lasting + of_map
+            of.variance_nt2 + lasting + of_map + of.of_slope().map(|(_, entry)| entry * entry).sum::<f64>()
         };
         let innovation = self.innovation(first.residual_nt, s, by_truth);
         if self.parameters.gate_nis.is_some_and(|gate| innovation.nis > gate) {
@@ -366,7 +377,7 @@ impl<'a> Filter<'a> {
         // Position, and the sum of the states that the measurement holds by themselves.
         let mut columns: [Vec<f64>; 4] = [LAT, LON, ALT, S].map(|state| self.now.p[state * dim..][..dim].to_vec());
         columns[3].iter_mut().for_each(|entry| *entry *= of.temporal);
-        for (state, entry) in [of.further, of.latency] {
+        for (state, entry) in [of.further, of.latency].into_iter().chain(of.of_slope()) {
             add_scaled(&mut columns[3], entry, &self.now.p[state * dim..][..dim]);
         }
         for (state, entry) in (TILT_N..).zip(of.tilt).filter(|(_, entry)| *entry != 0.0) {

@@ -18,6 +18,7 @@ use crate::navigation::scenes::{Scene, hills, positions, uneven};
 use crate::navigation::ukf;
 use crate::signal::gauss_markov::GaussMarkov;
 
+mod exact;
 mod flights;
 mod latency;
 mod others;
@@ -127,6 +128,7 @@ fn aids(read: &Read) -> Aids<'_> {
             difference_nt: &read.difference_nt,
             sigma_nt: 0.1,
             baseline_m: BASELINE_M,
+            slope: SlopeError::default(),
             bias: GaussMarkov { sigma: 0.5, tau_s: 300.0 },
         }),
         vector: Some(Vector {

@@ -55,15 +55,29 @@ pub(crate) struct Linear {
     ins: StateVector,
     /// The bias, and its entry.
     own: (usize, f64),
-    /// The first state of the crustal field, and the entries of its three parts.
-    crustal: (usize, [f64; 3]),
+    /// Further errors that last: the three parts of the crustal field, or the two errors of the map's slope.
+    lasting: Lasting,
+}
+
+/// Entries of H of states that follow each other.
+#[derive(Clone, Copy, Debug, Default)]
+struct Lasting {
+    first: usize,
+    count: usize,
+    entries: [f64; 3],
+}
+
+impl Lasting {
+    fn entries(&self) -> &[f64] {
+        &self.entries[..self.count]
+    }
 }
 
 impl Linear {
     /// The row of H.
     pub(crate) fn sensitivity(&self) -> Sensitivity<'_> {
-        let regressors: &[f64] = if matches!(self.of, Aid::Vector(_)) { &self.crustal.1 } else { &[] };
-        Sensitivity { error: self.own, first: self.crustal.0, regressors, ..Sensitivity::of_ins(&self.ins) }
+        let (first, regressors) = (self.lasting.first, self.lasting.entries());
+        Sensitivity { error: self.own, first, regressors, ..Sensitivity::of_ins(&self.ins) }
     }
 
     /// Measurement minus prediction at a state, in this linearisation.
@@ -87,10 +101,9 @@ impl Linear {
         }
         self.ins = ins;
         self.own.1 *= decay(self.own.0);
-        let first = self.crustal.0;
-        if matches!(self.of, Aid::Vector(_)) {
-            self.crustal.1.iter_mut().enumerate().for_each(|(part, entry)| *entry *= decay(first + part));
-        }
+        let Lasting { first, count, .. } = self.lasting;
+        let entries = self.lasting.entries.iter_mut().enumerate().take(count);
+        entries.for_each(|(part, entry)| *entry *= decay(first + part));
         self
     }
 }
@@ -137,13 +150,13 @@ impl Rows {
                 sum.value += one.value;
                 sum.own.1 += one.own.1;
                 sum.ins.iter_mut().zip(&one.ins).for_each(|(sum, entry)| *sum += entry);
-                sum.crustal.1.iter_mut().zip(&one.crustal.1).for_each(|(sum, entry)| *sum += entry);
+                sum.lasting.entries.iter_mut().zip(&one.lasting.entries).for_each(|(sum, entry)| *sum += entry);
             }
             let part = 1.0 / all.len() as f64;
             sum.value *= part;
             sum.variance *= part;
             sum.own.1 *= part;
-            sum.ins.iter_mut().chain(&mut sum.crustal.1).for_each(|entry| *entry *= part);
+            sum.ins.iter_mut().chain(&mut sum.lasting.entries).for_each(|entry| *entry *= part);
             mean.put(sum);
         }
         mean
@@ -264,13 +277,17 @@ impl Aids<'_> {
         (ins[LAT], ins[LON], ins[ALT]) = (at.d_lat_nt_per_rad, at.d_lon_nt_per_rad, at.d_alt_nt_per_m);
         ins[TILT_N..TILT_N + 3].copy_from_slice(&tilt);
         let moved = ins[LAT] * x[LAT] + ins[LON] * x[LON] + ins[ALT] * x[ALT];
+        let lasting = states.slope.map(|first| {
+            let [horizontal, upward] = of.slope_entries(line, row);
+            Lasting { first, count: 2, entries: [horizontal, upward, 0.0] }
+        });
         Some(Some(Linear {
             of: Aid::Difference,
             value: value_nt - at.value_nt + moved,
             variance: of.sigma_nt * of.sigma_nt,
             ins,
             own: (bias, 1.0),
-            crustal: (0, [0.0; 3]),
+            lasting: lasting.unwrap_or_default(),
         }))
     }
 
@@ -297,7 +314,7 @@ impl Aids<'_> {
                 variance: of.sigma_nt * of.sigma_nt,
                 ins,
                 own: (bias + axis, 1.0),
-                crustal: (crustal, predicted.crustal[axis]),
+                lasting: Lasting { first: crustal, count: 3, entries: predicted.crustal[axis] },
             }
         })))
     }
@@ -309,7 +326,7 @@ impl Aids<'_> {
         let mut ins = [0.0; STATES];
         ins[ALT] = 1.0;
         let variance = of.sigma_m * of.sigma_m;
-        let height = Linear { of: Aid::Height, value, variance, ins, own: (bias, 1.0), crustal: (0, [0.0; 3]) };
+        let height = Linear { of: Aid::Height, value, variance, ins, own: (bias, 1.0), lasting: Lasting::default() };
         value.is_finite().then_some(height)
     }
 }
@@ -342,6 +359,12 @@ impl Arm {
 }
 
 impl Difference<'_> {
+    /// The entries of H for the two errors of the map's slope, in nT.
+    pub(crate) fn slope_entries(&self, line: &NavigationLine<'_>, row: usize) -> [f64; 2] {
+        let along = rotation(line.ins, row) * Vector3::from(self.baseline_m);
+        [along.x.hypot(along.y) * self.slope.horizontal_nt_per_m, -along.z * self.slope.upward_at(row)]
+    }
+
     /// Half of the baseline at a row.
     pub(crate) fn arm(&self, line: &NavigationLine<'_>, row: usize) -> Arm {
         let along = rotation(line.ins, row) * Vector3::from(self.baseline_m);

@@ -4,7 +4,7 @@ use crate::navigation::gaussian::Layout;
 use crate::navigation::pinson::S;
 use crate::signal::gauss_markov::GaussMarkov;
 
-use super::Aids;
+use super::{Aids, SlopeError};
 
 /// The Gauss-Markov states of the further measurements, one behind the other.
 #[derive(Clone, Debug, Default)]
@@ -18,6 +18,8 @@ pub(crate) struct AidStates {
     pub(crate) difference: Option<usize>,
     pub(crate) height: Option<usize>,
     pub(crate) map_error: Option<usize>,
+    /// The first of the two errors of the map's slope, horizontal and upward, in standard deviations.
+    pub(crate) slope: Option<usize>,
     /// The delay of the scalar magnetometer, in s.
     pub(crate) latency: Option<usize>,
     /// The first of the three biases of the vector, and of the three parts of the crustal field.
@@ -29,6 +31,10 @@ impl AidStates {
     pub(crate) fn of(aids: &Aids<'_>, first: usize) -> Self {
         let mut states = Self { first, ..Self::default() };
         states.difference = aids.difference.map(|of| states.add(of.bias));
+        states.slope = aids.difference.map(|of| of.slope).filter(SlopeError::is_any).map(|slope| {
+            let [horizontal, _] = [(); 2].map(|()| states.add_along(1.0, slope.length_m));
+            horizontal
+        });
         states.height = aids.height.map(|of| states.add(of.bias));
         states.map_error = aids.map_error.map(|of| states.add_along(of.sigma_nt, of.length_m));
         let constant = |sigma| GaussMarkov { sigma, tau_s: f64::INFINITY };

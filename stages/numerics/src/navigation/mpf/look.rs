@@ -153,7 +153,8 @@ impl<'a> Look<'a> {
         let [d_lat, d_lon, d_alt] = slopes.each_ref().map(|sums| if share > 0.0 { total(sums) / share } else { 0.0 });
         let [core_lat, core_lon] = self.core.as_ref().map_or([0.0; 2], CoreExpansion::gradient);
         let tilt = arm.by_tilt(d_lat + core_lat, d_lon + core_lon, d_alt);
-        Some((TILT_N..).zip(tilt).chain([(bias, 1.0)]).collect())
+        let slope = self.states.slope.map(|first| (first..).zip(of.slope_entries(self.line, row)));
+        Some((TILT_N..).zip(tilt).chain([(bias, 1.0)]).chain(slope.into_iter().flatten()).collect())
     }
 
     /// A component of the field's vector. The core field is linear over the cloud, and the tilt about its middle.

@@ -122,6 +122,7 @@ fn with_difference(flight: &Flight, seed: u64, linearisation: Linearisation, sca
             difference_nt: &difference,
             sigma_nt: 0.05,
             baseline_m: BASELINE,
+            slope: SlopeError::default(),
             bias: GaussMarkov { sigma: 0.3, tau_s: 600.0 },
         }),
         ..Aids::default()

@@ -291,7 +291,8 @@ fn flown(name: &str, by: impl Fn(&NavigationLine<'_>, &Aids<'_>) -> NavigationOu
         measured.iter_mut().zip(lasting_error_nt(flight, map_error, 700 + seed)).for_each(|(nt, error)| *nt += error);
         let (ins, sigma) = (flight.ins.series(), vec![2.0; SAMPLES as usize]);
         let bias = GaussMarkov { sigma: 0.3, tau_s: 600.0 };
-        let difference = Difference { difference_nt: &difference, sigma_nt: 0.05, baseline_m, bias };
+        let difference =
+            Difference { difference_nt: &difference, sigma_nt: 0.05, baseline_m, slope: SlopeError::default(), bias };
         let aids = Aids { difference: Some(difference), map_error: Some(map_error), ..Aids::default() };
         by(&flight.line(&ins, &measured, &sigma), &aids)
     });

@@ -1,0 +1,61 @@
+//! The error of the map's slope that the differences along a line show.
+
+use super::{AidedOutput, AidedParameters, Aids, MapSlope, run};
+use crate::navigation::line::NavigationLine;
+
+/// Parts of the map's slope that are tried first, and the factor to their neighbours that are tried then.
+const PARTS: [f64; 6] = [0.0, 1.0 / 64.0, 1.0 / 16.0, 0.25, 1.0, 4.0];
+const FINER: f64 = 2.0;
+/// A run that used fewer than this part of the samples of another is not compared with it: a filter that is lost leaves the map.
+const LEAST_PART: f64 = 0.9;
+
+/// How likely the innovations of a run are.
+struct Likelihood {
+    samples: usize,
+    /// The mean of ln p + ½ ln 2π over the differences.
+    mean: f64,
+}
+
+/// One sigma of the error of the map's slope along the baseline, in nT/m, whose innovations of the difference are the most
+/// likely along a line; 0 without a difference, and where no run can tell.
+///
+/// Each value is tried with the scalar field and without, as the field may be disturbed by what the difference is free of, or
+/// hold the aircraft's. Costs up to 16 runs of an extended Kalman filter.
+pub fn likely_slope_error(line: &NavigationLine<'_>, aids: &Aids<'_>, slope: &MapSlope) -> f64 {
+    let Some(difference) = aids.difference else { return 0.0 };
+    let none = vec![f64::NAN; line.ins.len()];
+    let alone = NavigationLine { measurement_nt: &none, offset_window_s: 0.0, ..*line };
+    let mut tried: Vec<(f64, Likelihood)> = vec![];
+    let attempt = |part: f64, tried: &mut Vec<(f64, Likelihood)>| {
+        let slope = slope.error(part * slope.rms_nt_per_m);
+        let aids = Aids { difference: Some(super::Difference { slope, ..difference }), ..*aids };
+        for line in [line, &alone] {
+            let found = run(line, &aids, &AidedParameters::default()).ok().map(|output| likelihood(&output));
+            tried.extend(found.filter(|found| found.samples > 0).map(|found| (part, found)));
+        }
+    };
+    PARTS.into_iter().for_each(|part| attempt(part, &mut tried));
+    let Some(best) = most_likely(&tried).filter(|best| *best > 0.0) else { return 0.0 };
+    [best / FINER, best * FINER].into_iter().for_each(|part| attempt(part, &mut tried));
+    most_likely(&tried).unwrap_or(best) * slope.rms_nt_per_m
+}
+
+fn most_likely(tried: &[(f64, Likelihood)]) -> Option<f64> {
+    let most = tried.iter().map(|(_, of)| of.samples).max()?;
+    let enough = tried.iter().filter(|(_, of)| of.samples as f64 >= LEAST_PART * most as f64);
+    enough.max_by(|(_, one), (_, other)| one.mean.total_cmp(&other.mean)).map(|(part, _)| *part)
+}
+
+fn likelihood(output: &AidedOutput) -> Likelihood {
+    let innovations = &output.aids.difference;
+    let (mut sum, mut samples) = (0.0, 0);
+    for (residual, nis) in innovations.residual.iter().zip(&innovations.nis) {
+        // An innovation of exactly 0 tells its variance no more.
+        let variance = residual * residual / nis;
+        if variance.is_finite() && variance > 0.0 {
+            sum -= 0.5 * (variance.ln() + nis);
+            samples += 1;
+        }
+    }
+    Likelihood { samples, mean: sum / samples.max(1) as f64 }
+}

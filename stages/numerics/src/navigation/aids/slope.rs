@@ -1,0 +1,100 @@
+//! The error of a map's slope, as the difference of two magnetometers has it.
+
+use params::{Rule, obeys};
+
+use crate::navigation::ins_error::ParameterError;
+use crate::navigation::ins_series::SeriesError;
+use crate::navigation::line::NavigationLine;
+use crate::navigation::output::NavigationError;
+
+/// The distance of a slope's error from a slope, in m, where a line is too flat to tell one.
+const FLAT_LENGTH_M: f64 = 1000.0;
+
+/// Standard deviations of the errors of a map's slope. The default is an exact map.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SlopeError<'a> {
+    /// One sigma of the error along any horizontal direction, in nT/m.
+    pub horizontal_nt_per_m: f64,
+    /// One sigma of the upward slope's error at each sample, in nT/m; empty for a map that has the slope.
+    pub upward_nt_per_m: &'a [f64],
+    /// The distance along the track over which the correlation of both falls to 1/e, in m.
+    pub length_m: f64,
+}
+
+impl SlopeError<'_> {
+    /// Whether there is any.
+    pub(crate) fn is_any(&self) -> bool {
+        self.horizontal_nt_per_m > 0.0 || !self.upward_nt_per_m.is_empty()
+    }
+
+    /// One sigma of the upward slope's error at a sample, in nT/m.
+    pub(crate) fn upward_at(&self, row: usize) -> f64 {
+        self.upward_nt_per_m.get(row).copied().unwrap_or(0.0)
+    }
+
+    /// Refuses errors that are none.
+    pub(crate) fn check(&self, rows: usize) -> Result<(), NavigationError> {
+        let require = |name: &str, value: f64, rule: Rule| obeys(&value, name, rule).map_err(ParameterError);
+        let found = self.upward_nt_per_m.len();
+        if !self.upward_nt_per_m.is_empty() && found != rows {
+            return Err(SeriesError::Length { column: "slope error", rows: found, expected: rows }.into());
+        }
+        require("gradient_slope_sigma", self.horizontal_nt_per_m, Rule::NotNegative)?;
+        for sigma in self.upward_nt_per_m {
+            require("slope error", *sigma, Rule::NotNegative)?;
+        }
+        if self.is_any() {
+            require("slope error length", self.length_m, Rule::Positive)?;
+        }
+        Ok(())
+    }
+}
+
+/// The slope of a map along a line, by the INS.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct MapSlope {
+    /// The root mean square of the horizontal slope, in nT/m; 0 where the line is off the map.
+    pub rms_nt_per_m: f64,
+    /// The inverse wavenumber of the map's anomalies, in m: standard deviation over root mean square of the slope.
+    pub length_m: f64,
+    /// One sigma of the upward slope at each sample, in nT/m; empty where the map has it.
+    ///
+    /// The field of sources below has as much power in its upward slope as in both horizontal ones. The horizontal slope at
+    /// a sample is the best guess of how strong the anomalies are there, and that of the whole line a guess that does not
+    /// fail at the top of one.
+    pub upward_nt_per_m: Vec<f64>,
+}
+
+impl MapSlope {
+    /// That along a line.
+    pub fn along(line: &NavigationLine<'_>) -> Self {
+        let ins = line.ins;
+        let (mut sum, mut square, mut known) = (0.0, 0.0, 0.0);
+        let mut slopes = Vec::with_capacity(ins.len());
+        for row in 0..ins.len() {
+            let at = line.map.at(ins.lat_deg[row], ins.lon_deg[row], ins.alt_m[row]);
+            slopes.push(at.map(|at| line.slope_nt_per_m(row, &at)));
+            if let Some(at) = at {
+                sum += at.value_nt;
+                square += at.value_nt * at.value_nt;
+                known += 1.0;
+            }
+        }
+        if known == 0.0 {
+            return Self { length_m: FLAT_LENGTH_M, ..Self::default() };
+        }
+        let rms_nt_per_m = (slopes.iter().flatten().map(|slope| slope * slope).sum::<f64>() / known).sqrt();
+        let deviation_nt = (square / known - (sum / known).powi(2)).max(0.0).sqrt();
+        let length_m = deviation_nt / rms_nt_per_m;
+        let length_m = if length_m.is_finite() && length_m > 0.0 { length_m } else { FLAT_LENGTH_M };
+        let upward = |slope: Option<f64>| slope.map_or(rms_nt_per_m, |slope| rms_nt_per_m.hypot(slope));
+        let upward_nt_per_m =
+            if line.map.has_upward_slope() { vec![] } else { slopes.into_iter().map(upward).collect() };
+        Self { rms_nt_per_m, length_m, upward_nt_per_m }
+    }
+
+    /// The errors of the slope, of which that along the baseline is given.
+    pub fn error(&self, horizontal_nt_per_m: f64) -> SlopeError<'_> {
+        SlopeError { horizontal_nt_per_m, upward_nt_per_m: &self.upward_nt_per_m, length_m: self.length_m }
+    }
+}
