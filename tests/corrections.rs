@@ -50,6 +50,7 @@ mag   = "mag_r"
 [[stages]]
 name            = "track"
 stage           = "navigate"
+tuning          = "magnav"
 input           = "clean"
 map             = "anomaly"
 offset_window_s = 1.0

@@ -53,6 +53,7 @@ filter = [{filters}]
 [[stages]]
 name              = "track"
 stage             = "navigate"
+tuning            = "magnav"
 input             = "flights"
 map               = "anomaly"
 mag               = "mag_1_uc"
@@ -171,7 +172,7 @@ fn law_a_noise_that_changes_is_believed_where_a_column_says_so() {
     let mut text = format!("{head}{derive}");
     for (name, keys) in ways {
         text.push_str(&format!(
-            "[[stages]]\nname = \"track_{name}\"\nstage = \"navigate\"\ninput = \"mixed\"\nmap = \"anomaly\"\nmag = \"measured\"\n\
+            "[[stages]]\nname = \"track_{name}\"\nstage = \"navigate\"\ntuning = \"magnav\"\ninput = \"mixed\"\nmap = \"anomaly\"\nmag = \"measured\"\n\
              map_interpolation = \"cubic\"\nremove_diurnal = false\n{keys}\n\
              [[stages]]\nname = \"scores_{name}\"\nstage = \"score\"\ninput = [\"mixed\", \"track_{name}\"]\n\
              metrics = [\"drms\", \"nees\", \"nis\"]\n"

@@ -66,7 +66,7 @@ fn bench() -> Bench {
 
 fn navigate(name: &str, map: &str, keys: &str) -> String {
     format!(
-        "[[stages]]\nname = \"{name}\"\nstage = \"navigate\"\ninput = \"flights\"\nmap = \"{map}\"\nmag = \"mag_1_c\"\n\
+        "[[stages]]\nname = \"{name}\"\nstage = \"navigate\"\ntuning = \"magnav\"\ninput = \"flights\"\nmap = \"{map}\"\nmag = \"mag_1_c\"\n\
          core_field = false\nmeasurement_sigma_nt = 2.0\ninit_position_sigma_m = 50.0\n{keys}\n"
     )
 }

@@ -77,6 +77,7 @@ map   = "gridded"
 [[stages]]
 name            = "track"
 stage           = "navigate"
+tuning          = "magnav"
 input           = "flights"
 map             = "level"
 mag             = "mag_1_c"

@@ -168,6 +168,7 @@ mag   = "$mag"
 [[stages]]
 name            = "track"
 stage           = "navigate"
+tuning          = "magnav"
 input           = "clean"
 map             = "anomaly"
 offset_window_s = 1.0

@@ -49,6 +49,7 @@ pub const COLUMNS: &[(&str, Described)] = &[
     ("ins_fn", d("m/s2", Role::Sensor, "specific force north, navigation frame")),
     ("ins_fe", d("m/s2", Role::Sensor, "specific force east, navigation frame")),
     ("ins_fd", d("m/s2", Role::Sensor, "specific force down, navigation frame")),
+    ("ins_aligned", d("s", Role::Aux, "time of the last alignment of the INS, seconds past midnight UTC")),
     ("diurnal", d("nT", Role::Sensor, "temporal variation of the earth's field")),
     ("igrf", d("nT", Role::Sensor, "core-field magnitude")),
     ("anomaly_truth", d("nT", Role::Truth, "what the crust adds to the core-field magnitude")),

@@ -33,6 +33,8 @@ pub struct MapErrors {
     bilinear: Option<(f64, f64)>,
     /// The error that the map's maker gives each node, in nT.
     own: Option<FieldMap>,
+    /// Length of a cell, in m.
+    cell_m: f64,
 }
 
 impl MapErrors {
@@ -55,7 +57,7 @@ impl MapErrors {
         };
         let cell_m = plane.east_m.step.max(plane.north_m.step);
         let own = own.then(|| column_map(map, ERROR, Interpolation::Linear, None)).transpose()?;
-        Ok(Self { height, bilinear: bilinear.then(|| (bilinear_error_nt(&plane), cell_m)), own })
+        Ok(Self { height, bilinear: bilinear.then(|| (bilinear_error_nt(&plane), cell_m)), own, cell_m })
     }
 
     /// The root mean square error to expect, in nT, of the map at the heights `alt_m`, above the ellipsoid: that over the
@@ -71,6 +73,24 @@ impl MapErrors {
                 if up_m.is_finite() { power.height_error_nt(up_m) } else { f64::NAN }
             }
         }
+    }
+
+    /// Length of a cell, in m.
+    pub fn cell_m(&self) -> f64 {
+        self.cell_m
+    }
+
+    /// Whether the nodes have errors that count.
+    pub fn has_own(&self) -> bool {
+        self.own.is_some()
+    }
+
+    /// One sigma of the nodes' error at each sample of a line, in nT.
+    ///
+    /// # Errors
+    /// Fails as [`map_noise::along`].
+    pub fn at_nodes_nt(&self, line: &NavigationLine<'_>) -> Result<Option<Vec<f64>>, Fault> {
+        self.own.as_ref().map(|own| map_noise::along(line, own, 1.0).map_err(data)).transpose()
     }
 
     /// The white noise, in nT a sample, that weighs as much as the error between nodes, which lasts for the crossing of a
@@ -216,7 +236,7 @@ mod tests {
         let truth = (sum / n).sqrt();
         // The cubic convolution is itself off by a few parts in a hundred of what the straight line misses.
         assert!((bilinear_error_nt(&map) / truth - 1.0).abs() < 0.1, "{} {truth}", bilinear_error_nt(&map));
-        let errors = MapErrors { height: HeightError::Continued(vec![]), bilinear: Some((0.5, 100.0)), own: None };
+        let errors = MapErrors { height: HeightError::Continued(vec![]), bilinear: Some((0.5, 100.0)), own: None, cell_m: 100.0 };
         assert_eq!(errors.of_interpolation_nt(6.25), 2.0);
         assert_eq!(errors.of_interpolation_nt(500.0), 0.5);
     }

@@ -18,22 +18,23 @@ mod iekf;
 mod ins;
 mod ins_only;
 mod mpf;
+mod prepared;
 mod rts;
 mod slam;
+mod start;
 #[cfg(test)]
 mod testing;
+mod tuning;
 mod ukf;
 
 use std::sync::Arc;
 
 use arrow_array::{ArrayRef, RecordBatch, StringArray};
-use numerics::{
-    maps::{map_stack::FieldMap, map_surface::Interpolation},
-    navigation::ins_error::GradedIns,
-};
+use numerics::{maps::map_surface::Interpolation, navigation::ins_error::GradedIns};
+use prepared::PreparedMaps;
 use schemas::{
     Arrays, Chosen, Column, Correction, Entry, Fault, LineIn, LinePoint, LineStage, Lists, OrAuto, Passes, Rule, Shape,
-    Stage, Table, Yield, params, stage,
+    Stage, Table, Yield, stage,
 };
 
 use aiding::{Aiding, Gnss};
@@ -44,32 +45,18 @@ pub use filter::{
 };
 pub use filters::FILTERS;
 pub use geometry::{DeadZones, SensorGeometry};
+pub use prepared::Prepared;
+pub use start::{Start, StartFrom};
+pub use tuning::{MeasurementNoise, Tuning};
 pub(crate) use {crlb::DRMS_BOUND, further::MAP_SLOPE};
 
 use crate::{
     columns::{array, faults_of, floats, shape},
-    compensate::NOISE,
     corrections::{CORE_FIELD, REMOVE_DIURNAL, corrects, note, twice},
     dates::{WAYS_OUT, dated_by_flight, first_year},
-    map_errors::MapErrors,
-    maps::{check_levels, field_map},
+    maps::check_levels,
     model_columns::RATE,
 };
-
-params! {
-    /// The noise of the measurement that a filter expects.
-    pub struct MeasurementNoise;
-    /// Measurement noise, sample by sample: sensor, map and what compensation left; or `"auto"`.
-    measurement_sigma_nt: OrAuto, unit "nT", default 5.0, rule Rule::Positive;
-    /// Temporal variation, and whatever else of the measurement's error lasts; or `"auto"`.
-    fogm_sigma_nt: OrAuto, unit "nT", default 3.0, rule Rule::NotNegative;
-    /// Time constant of the temporal variation; or `"auto"`.
-    fogm_tau_s: OrAuto, unit "s", default 600.0, rule Rule::Positive;
-    /// A column with one sigma of what each sample's measurement errs by besides: `mag_aircraft_sigma` of an ensemble, or what a
-    /// network predicts of its own error. The noise of a sample is the root of the sum of its square and that of
-    /// `measurement_sigma_nt`; a sample without it has no measurement. Of one magnetometer.
-    noise_column: Option<String>, unit "nT", absent "the noise is the same at all samples";
-}
 
 stage! {
     /// Corrects an INS by matching the compensated field to an anomaly map, by one of the filters below.
@@ -96,9 +83,9 @@ stage! {
     /// `residual_noise` and `assume_noise` of lines that were flown over a known field. Where an offset is taken off (`offset_window_s`), it
     /// holds the lasting part of its first seconds, and what remains has twice the variance and correlation time. To the
     /// white part comes what bilinear interpolation misses between the map's nodes.
-    Navigate = "navigate", version 6, grain Line,
+    Navigate = "navigate", version 7, grain Line,
     inputs [input: Lines, map: Map optional, model: ManyModels optional],
-    groups [noise: MeasurementNoise, geometry: SensorGeometry, ins: GradedIns], example r#"
+    groups [noise: MeasurementNoise, start: Start, geometry: SensorGeometry, ins: GradedIns], example r#"
 [[stages]]
 name            = "navigate"
 stage           = "navigate"
@@ -109,6 +96,10 @@ core_field      = false
 "#;
     /// The filter.
     filter: Chosen<Filter>, unit "";
+    /// Where unset parameters come from. `auto` finds the noise of each line by the likelihood of its innovations, rejects outliers,
+    /// and continues a map of known height to the heights flown; `magnav` has the defaults of MagNav.jl, no gate, and the map
+    /// as it is. A key that is given has its own value under either.
+    tuning: Tuning, unit "", default Tuning::Auto;
     /// The measured field, of one magnetometer or of several. A filter that does not take each by itself is handed their
     /// mean at each sample, with the noise of a mean of as many independent ones; the offset is then that of each.
     mag: Vec<String>, unit "nT", default vec!["mag_c".to_owned()];
@@ -147,25 +138,6 @@ fn of_model(model: &Table) -> Vec<&'static str> {
     [TERM, VALUE, STD].into_iter().chain(model.shape().get(RATE).map(|_| RATE)).collect()
 }
 
-/// The noise that the filter expects: white, and lasting with its time constant.
-#[derive(Clone, Copy)]
-struct Expected {
-    sigma_nt: f64,
-    fogm_sigma_nt: f64,
-    fogm_tau_s: f64,
-}
-
-/// The map as it is looked up, with its errors, and the models.
-pub struct Prepared {
-    map: Option<PreparedMap>,
-    models: Vec<Calibration>,
-}
-
-struct PreparedMap {
-    field: FieldMap,
-    errors: MapErrors,
-}
-
 /// The input that is a map, and the inputs that are models, by the columns that only they have.
 fn map_and_models(inputs: &[RecordBatch]) -> (Option<&RecordBatch>, impl Iterator<Item = &RecordBatch>) {
     let further = inputs.iter().skip(1);
@@ -183,90 +155,6 @@ pub fn entry(filters: Vec<&'static Filter>) -> Entry {
 }
 
 impl Navigate {
-    /// The parameters that may be found from the data, each with the column that holds it.
-    fn found(&self) -> [(OrAuto, &'static str, &'static str, &'static str); 3] {
-        let [sigma, fogm_sigma, fogm_tau] = NOISE;
-        [
-            (self.noise.measurement_sigma_nt, "measurement_sigma_nt", sigma.0, sigma.1),
-            (self.noise.fogm_sigma_nt, "fogm_sigma_nt", fogm_sigma.0, fogm_sigma.1),
-            (self.noise.fogm_tau_s, "fogm_tau_s", fogm_tau.0, fogm_tau.1),
-        ]
-    }
-
-    /// Says which column is missing for what is `auto`.
-    fn auto_faults(&self, shape: &Shape) -> Vec<Fault> {
-        let wanted = self.found().into_iter().filter(|(value, ..)| *value == OrAuto::Auto);
-        let missing = wanted.filter_map(|(_, param, column, unit)| {
-            let fault = shape.number(column, unit).err()?;
-            let what = format!("`{param} = \"auto\"` is what the calibration left, and {}", fault.what);
-            let help =
-                format!("navigate on the table of a `compensate` or an `assume_noise`, or give `{param}` a number");
-            Some(Fault::new(what).help(help).of_param(param))
-        });
-        missing.collect()
-    }
-
-    /// The noise of a line.
-    fn expected(&self, batch: &RecordBatch) -> Result<Expected, Fault> {
-        let mut values = [0.0; 3];
-        for (to, (value, param, column, _)) in values.iter_mut().zip(self.found()) {
-            *to = match value {
-                OrAuto::Given(x) => x,
-                OrAuto::Auto => {
-                    let first = floats(batch, column)?.iter().copied().find(|x| x.is_finite());
-                    first.ok_or_else(|| {
-                        let what = format!(
-                            "`{param} = \"auto\"` has no value: the model was fitted on lines too short to tell"
-                        );
-                        Fault::data(what).in_column(column).help(format!("give `{param}` a number"))
-                    })?
-                }
-            };
-        }
-        let [sigma_nt, mut fogm_sigma_nt, mut fogm_tau_s] = values;
-        if self.offset_window_s > 0.0 {
-            if self.noise.fogm_sigma_nt == OrAuto::Auto {
-                fogm_sigma_nt *= std::f64::consts::SQRT_2;
-            }
-            if self.noise.fogm_tau_s == OrAuto::Auto {
-                fogm_tau_s *= 2.0;
-            }
-        }
-        Ok(Expected { sigma_nt, fogm_sigma_nt, fogm_tau_s })
-    }
-
-    /// The column of the noise, for a filter that has a use for it.
-    fn noise_column(&self) -> Option<&str> {
-        self.noise.noise_column.as_deref().filter(|_| self.filter.keys.takes_field())
-    }
-
-    /// What is wrong with the column of the noise.
-    fn noise_faults(&self, shape: &Shape) -> Vec<Fault> {
-        let Some(column) = self.noise_column() else { return vec![] };
-        let mut faults = faults_of([shape.number(column, "nT")], "noise_column");
-        if self.mag.len() > 1 {
-            let what = "`noise_column` is of one magnetometer, and `mag` names several";
-            faults.push(Fault::new(what).of_param("noise_column"));
-        }
-        if self.mag.iter().any(|mag| mag == column) {
-            let what = format!("`{column}` is the measurement, and not its noise");
-            faults.push(Fault::new(what).of_param("noise_column"));
-        }
-        faults
-    }
-
-    /// One sigma of each sample's measurement beside `measurement_sigma_nt`, in nT; NaN where it is unknown.
-    fn sample_sigma_nt(&self, batch: &RecordBatch) -> Result<Option<Vec<f64>>, Fault> {
-        let Some(column) = self.noise_column() else { return Ok(None) };
-        let values = floats(batch, column)?;
-        if let Some(row) = values.iter().position(|sigma| *sigma < 0.0) {
-            let what = format!("a standard deviation of {} nT in row {}", values[row], row + 1);
-            let help = format!("make it at least 0 with a `derive`: `greatest({column}, 0)`");
-            return Err(Fault::data(what).in_column(column).help(help));
-        }
-        Ok(Some(values.iter().map(|sigma| if sigma.is_finite() { *sigma } else { f64::NAN }).collect()))
-    }
-
     /// The magnetometers that the filter is handed.
     fn magnetometers(&self) -> &[String] {
         if self.filter.keys.takes_field() { &self.mag } else { &[] }
@@ -304,9 +192,17 @@ impl Navigate {
         if self.removes_diurnal(shape) {
             reads.push(DIURNAL);
         }
-        reads.extend(self.found().iter().filter(|f| f.0 == OrAuto::Auto).map(|f| f.2));
+        reads.extend(self.of_calibration().iter().filter(|f| f.0 == Some(OrAuto::Auto)).map(|f| f.2));
+        let of_start = self.start_reads(shape);
+        reads.extend(of_start.iter().map(String::as_str));
         reads.extend(self.noise_column());
-        reads.into_iter().map(str::to_owned).chain(self.geometry.reads()).collect()
+        let mut all: Vec<String> = vec![];
+        for name in reads.into_iter().map(str::to_owned).chain(self.geometry.reads()) {
+            if !all.contains(&name) {
+                all.push(name);
+            }
+        }
+        all
     }
 
     fn dated_by_flight(&self, shape: &Shape) -> bool {
@@ -315,6 +211,7 @@ impl Navigate {
 
     fn notes(&self, shape: &Shape) -> Vec<String> {
         let mut notes = vec![];
+        notes.extend(self.start_note(shape));
         notes.extend(note(shape, self.magnetometers(), Correction::Diurnal, self.remove_diurnal));
         if self.remove_diurnal.is_none() && self.removes_diurnal(shape) {
             notes
@@ -364,6 +261,7 @@ impl Stage for Navigate {
         faults.extend(faults_of([shape.number("ins_alt", "m")], "input"));
         faults.extend(check_levels(self.map_levels_m.as_ref(), "map_levels_m"));
         faults.extend(self.auto_faults(shape));
+        faults.extend(self.start_faults(shape));
         faults.extend(self.noise_faults(shape));
         if self.remove_diurnal == Some(true) {
             let found = shape.number(DIURNAL, "nT").map_err(|f| f.help("say `remove_diurnal = false`"));
@@ -424,13 +322,14 @@ impl Stage for Navigate {
         let height =
             "rms error to expect because the map is at another height than the line; NaN where its own is unknown";
         columns.push(made(Column::float(MAP_HEIGHT_ERROR, "nT", height)));
+        columns.extend(self.noise_columns(map.is_some()).into_iter().map(made));
         columns.extend(filter.columns(&flight).into_iter().map(made));
         columns.extend(filter.aiding().into_iter().flat_map(Aiding::columns).map(made));
         let mut yields = Yield::append(columns, &reads);
         yields.reads.extend(tables.iter().map(|table| match table {
             model @ Table::Model { .. } => of_model(model).into_iter().map(str::to_owned).collect(),
             Table::Map(_) | Table::Lines(_) | Table::Scores(_) => {
-                let own_error = self.map_error_length_m.map(|_| schemas::map::ERROR);
+                let own_error = self.reads_map_error(table).then_some(schemas::map::ERROR);
                 [ANOMALY, "alt"].into_iter().chain(own_error).map(str::to_owned).collect()
             }
         }));
@@ -454,23 +353,26 @@ impl LineStage for Navigate {
 
     fn prepare(&self, inputs: &[RecordBatch]) -> Result<Prepared, Fault> {
         let (map, models) = map_and_models(inputs);
-        let prepared = |map| -> Result<PreparedMap, Fault> {
-            let field = field_map(map, self.map_interpolation, self.map_levels_m.as_deref())?;
-            let bilinear = self.map_interpolation == Interpolation::Linear;
-            let errors = MapErrors::of(map, self.map_levels_m.as_deref(), bilinear, self.map_error_length_m.is_some())?;
-            Ok(PreparedMap { field, errors })
-        };
         let models = models.map(Calibration::of).collect::<Result<_, Fault>>()?;
-        Ok(Prepared { map: map.map(prepared).transpose()?, models })
+        Ok(Prepared { map: map.map(|map| PreparedMaps::of(map, self)).transpose()?, models })
     }
 
     fn prepare_key(&self) -> String {
-        let own_error = self.map_error_length_m.is_some();
-        format!("{} {:?} {own_error}", self.map_interpolation.word(), self.map_levels_m)
+        let (own_error, tuning) = (self.map_error_length_m.is_some(), self.tuning.word());
+        format!("{} {:?} {own_error} {tuning}", self.map_interpolation.word(), self.map_levels_m)
     }
 }
 
 impl Navigate {
+    /// Whether the errors of a map's nodes are read.
+    fn reads_map_error(&self, map: &Table) -> bool {
+        let there = match map {
+            Table::Map(shape) => shape.get(schemas::map::ERROR).is_some(),
+            Table::Lines(_) | Table::Model { .. } | Table::Scores(_) => false,
+        };
+        self.map_error_length_m.is_some() || self.is_auto() && there
+    }
+
     /// What is wrong with the tables beside the flight.
     fn input_faults(&self, map: bool, models: bool) -> Vec<Fault> {
         let (name, filter) = (self.filter.kind.name, &self.filter.keys);
@@ -501,7 +403,8 @@ impl Navigate {
     /// The track as arrays; every column must have a value for each sample.
     fn arrays(&self, track: Track, flown: &Flown, height_error_nt: f64) -> Result<Vec<ArrayRef>, Fault> {
         let rows = flown.ins.len();
-        let update = track.update.iter().map(|update| Some(update.word())).collect::<StringArray>();
+        let fate = |(row, update): (usize, &Update)| flown.left_out.get(row).copied().flatten().unwrap_or(*update);
+        let update = track.update.iter().enumerate().map(|at| Some(fate(at).word())).collect::<StringArray>();
         let mut arrays: Vec<ArrayRef> = vec![
             array(track.lat_deg),
             array(track.lon_deg),
@@ -517,6 +420,7 @@ impl Navigate {
             Arc::new(update),
             array(vec![height_error_nt; rows]),
         ];
+        arrays.extend(self.noise_arrays(flown));
         arrays.extend(track.more);
         arrays.extend(flown.gnss.as_ref().map(Gnss::array));
         if arrays.iter().any(|array| arrow_array::Array::len(array) != rows) {

@@ -21,7 +21,7 @@ use crate::columns::{array, data, faults_of, floats, shape};
 stage! {
     /// Gives a flight without an INS, or with another one than you ask about, the INS of a grade: the GNSS track with
     /// simulated errors. It appends `ins_lat`, `ins_lon`, `ins_alt`, `ins_vn`, `ins_ve`, `ins_vd`, `ins_fn`, `ins_fe`,
-    /// `ins_fd`, `ins_roll`, `ins_pitch` and `ins_yaw`, which `navigate` takes like those of a flight.
+    /// `ins_fd`, `ins_roll`, `ins_pitch`, `ins_yaw` and `ins_aligned`, which `navigate` takes like those of a flight.
     ///
     /// The truth is `lat`, `lon` and `alt`, with `vn`, `ve`, `vd` and `roll`, `pitch`, `yaw` where the flight has all
     /// three; what it lacks is derived: velocity from the positions, specific force from the velocity, attitude level
@@ -38,7 +38,7 @@ stage! {
     /// INS that is off by more than 1,000 km, and it keeps an INS that the flight has unless `replace = true`.
     ///
     /// Source: thesis 000, (5.15) to (5.35); Titterton & Weston 2004, chapter 12; grades: thesis 001, Tables 9 and 10.
-    SimulateIns = "simulate_ins", version 1, grain Line, inputs [input: Lines], groups [ins: GradedIns],
+    SimulateIns = "simulate_ins", version 2, grain Line, inputs [input: Lines], groups [ins: GradedIns],
     example r#"
 [[stages]]
 name      = "simulate_ins"
@@ -73,8 +73,8 @@ const POSITION: [(&str, &str); 3] = [("lat", "deg"), ("lon", "deg"), ("alt", "m"
 const VELOCITY: [(&str, &str); 3] = [("vn", "m/s"), ("ve", "m/s"), ("vd", "m/s")];
 const ATTITUDE: [(&str, &str); 3] = [("roll", "deg"), ("pitch", "deg"), ("yaw", "deg")];
 
-/// The columns that are made, in the order of [`faulty_ins`].
-const MADE: [&str; 12] = [
+/// The columns that are made: those of [`faulty_ins`], in its order, and the time of the alignment.
+const MADE: [&str; 13] = [
     "ins_lat",
     "ins_lon",
     "ins_alt",
@@ -87,6 +87,7 @@ const MADE: [&str; 12] = [
     "ins_roll",
     "ins_pitch",
     "ins_yaw",
+    "ins_aligned",
 ];
 
 /// Beyond it neither an error model nor a map applies.
@@ -244,7 +245,9 @@ impl LineStage for SimulateIns {
         let series = truth.series();
         let errors = self.errors(&series, line)?;
         check_limit(&series, &errors)?;
-        Ok(faulty_ins(&series, &errors, [0.0; 3]).map(array).into())
+        let aligned = vec![series.tt_s[0]; series.len()];
+        let ins = faulty_ins(&series, &errors, [0.0; 3]);
+        Ok(ins.into_iter().chain([aligned]).map(array).collect())
     }
 }
 

@@ -33,7 +33,7 @@ impl Scene<'_> {
     }
 
     /// All columns of the line.
-    pub(super) fn table(&self, truth: &Trajectory, ins: [Vec<f64>; 12], around: Around) -> Table {
+    pub(super) fn table(&self, truth: &Trajectory, ins: [Vec<f64>; 13], around: Around) -> Table {
         let mut table = self.truth(truth);
         for (name, column) in ins::COLUMNS.into_iter().zip(ins).chain(around.earth) {
             table.push(name, "", Values::Number(column));

@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use super::{World, ins, scene::Scene, trajectory::Trajectory};
 
 /// The INS output along some lines of a flight, up to the first on which it fails.
-type Said = Vec<Result<[Vec<f64>; 12], ReadError>>;
+type Said = Vec<Result<[Vec<f64>; 13], ReadError>>;
 
 /// The state of the simulation of lines.
 pub(crate) struct Lines {

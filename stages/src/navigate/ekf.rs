@@ -24,12 +24,16 @@ filter! {
     /// Append the state `x` and its covariance `p` (row-major).
     save_state: bool, unit "", default false;
     /// A measurement whose squared innovation over its variance is above this is not used.
-    gate_nis: Option<f64>, unit "1", absent "all measurements are used", rule Rule::Positive;
+    gate_nis: Option<f64>, unit "1", absent "outliers are rejected before the filter, or none with `tuning = \"magnav\"`", rule Rule::Positive;
     /// How the process noise becomes a step's covariance: to second order, to first order as MagNav.jl, or exactly.
     discretisation: NoiseDiscretisation, unit "", default NoiseDiscretisation::Trapezoidal;
 }
 
 impl NavigationFilter for Ekf {
+    fn gates(&self) -> bool {
+        self.gate_nis.is_some()
+    }
+
     fn columns(&self, _: &Flight) -> Vec<Column> {
         let states = if self.save_state { state_columns() } else { vec![] };
         states.into_iter().chain(self.further.columns()).collect()

@@ -51,7 +51,7 @@ filter! {
     /// present covariance off all (`"compatible"`).
     form: AdaptiveForm, unit "", default AdaptiveForm::Residual;
     /// A measurement whose squared innovation over its variance is above this is not used, but learnt from.
-    gate_nis: Option<f64>, unit "1", absent "all measurements are used", rule Rule::Positive;
+    gate_nis: Option<f64>, unit "1", absent "outliers are rejected before the filter, or none with `tuning = \"magnav\"`", rule Rule::Positive;
     /// How the process noise becomes a step's covariance: to second order, to first order as MagNav.jl, or exactly.
     discretisation: NoiseDiscretisation, unit "", default NoiseDiscretisation::Trapezoidal;
     /// Append the state `x` and its covariance `p` (row-major).
@@ -59,6 +59,10 @@ filter! {
 }
 
 impl NavigationFilter for EkfAdaptive {
+    fn gates(&self) -> bool {
+        self.gate_nis.is_some()
+    }
+
     fn reads(&self, flight: &Flight) -> Result<Vec<String>, Vec<Fault>> {
         let further = both(self.further.reads(flight), self.further.needs_scalar("its noise"));
         both(self.aiding.reads(flight), further)

@@ -58,7 +58,7 @@ gnss_lost_s = [20.0, 1e6]"#;
     /// The time in which the weights are expected to change by as much as the training leaves unknown.
     memory_s: f64, unit "s", default 3600.0, rule Rule::Positive;
     /// A measurement whose squared innovation over its variance is above this is not used.
-    gate_nis: Option<f64>, unit "1", absent "all measurements are used", rule Rule::Positive;
+    gate_nis: Option<f64>, unit "1", absent "outliers are rejected before the filter, or none with `tuning = \"magnav\"`", rule Rule::Positive;
     /// How the process noise becomes a step's covariance: to second order, to first order as MagNav.jl, or exactly.
     discretisation: NoiseDiscretisation, unit "", default NoiseDiscretisation::Trapezoidal;
     /// Append the weights of every sample: those of the inputs by hidden unit, the units' biases, the output's weights, its
@@ -80,6 +80,10 @@ fn inputs(flight: &Flight, column: &str) -> Result<Vec<String>, Vec<Fault>> {
 }
 
 impl NavigationFilter for EkfOnlineNn {
+    fn gates(&self) -> bool {
+        self.gate_nis.is_some()
+    }
+
     fn reads(&self, flight: &Flight) -> Result<Vec<String>, Vec<Fault>> {
         let features = inputs(flight, &self.features).and_then(|names| {
             check_sources(&names).map_err(|e| vec![Fault::new(e.to_string()).of_param("features")])?;

@@ -44,7 +44,7 @@ filter! {
     /// The scale that the terms were made with.
     bt_scale_nt: f64, unit "nT", default 50_000.0, rule Rule::Positive;
     /// A measurement whose squared innovation over its variance is above this is not used.
-    gate_nis: Option<f64>, unit "1", absent "all measurements are used", rule Rule::Positive;
+    gate_nis: Option<f64>, unit "1", absent "outliers are rejected before the filter, or none with `tuning = \"magnav\"`", rule Rule::Positive;
     /// How the process noise becomes a step's covariance: to second order, to first order as MagNav.jl, or exactly.
     discretisation: NoiseDiscretisation, unit "", default NoiseDiscretisation::Trapezoidal;
     /// Append the state `x` and its covariance `p` (row-major), of the 18 states of `ekf`.
@@ -59,6 +59,10 @@ pub(super) fn aircraft_columns(flight: &Flight) -> Vec<Column> {
 }
 
 impl NavigationFilter for EkfOnlineTl {
+    fn gates(&self) -> bool {
+        self.gate_nis.is_some()
+    }
+
     fn reads(&self, flight: &Flight) -> Result<Vec<String>, Vec<Fault>> {
         let mut faults = vec![];
         if self.flux_bias_sigma_nt.is_some() && !flight.has_direction {

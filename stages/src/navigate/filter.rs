@@ -23,6 +23,7 @@ use schemas::{Column, Fault, Kind, KindDoc, Own, ParamDoc, Reader, Shape, choice
 use super::{
     Calibration,
     aiding::{Aiding, Gnss},
+    tuning::Tuned,
 };
 use crate::columns::list;
 
@@ -64,6 +65,12 @@ pub struct Flown<'a> {
     pub map_sigma_nt: Option<Vec<f64>>,
     /// Positions by GNSS, tested, for a filter that takes them ([`NavigationFilter::aiding`]).
     pub gnss: Option<Gnss>,
+    /// The number of magnetometers in each of `measured_nt`.
+    pub(super) counts: Vec<f64>,
+    /// The fate of measurements that no filter gets; empty where it gets all.
+    pub(super) left_out: Vec<Option<Update>>,
+    /// The noise that was found.
+    pub(super) tuned: Option<Tuned>,
 }
 
 /// A magnetometer of a line.
@@ -132,6 +139,11 @@ impl Flown<'_> {
     /// What the map adds.
     pub(super) fn map_sigma_at(&self, row: usize) -> f64 {
         self.map_sigma_nt.as_ref().map_or(0.0, |sigma_nt| sigma_nt[row])
+    }
+
+    /// Whether the noise was found from the measurements of the line.
+    pub fn is_tuned(&self) -> bool {
+        self.tuned.is_some()
     }
 
     /// The positions by GNSS that passed their test.
@@ -300,6 +312,11 @@ pub trait NavigationFilter: Any + Send + Sync {
     /// Its keys of the positions that aid it, where it takes any: [`Flown::fixes`].
     fn aiding(&self) -> Option<&Aiding> {
         None
+    }
+
+    /// Whether it has a gate of its own.
+    fn gates(&self) -> bool {
+        false
     }
 
     /// How much work a sample is, in any unit of its own: see `Stage::effort` of the crate `schemas`.

@@ -52,7 +52,7 @@ filter! {
     /// Most iterations of a window.
     iterations: usize, unit "", default 15usize;
     /// Standard deviation of what lasts of the aircraft's field beside its coefficients; 0 for none.
-    aircraft_sigma_nt: f64, unit "nT", default 30.0, rule Rule::NotNegative;
+    aircraft_sigma_nt: Option<f64>, unit "nT", absent "30.0, or 0 where the noise of the line was found (`tuning`), which then holds it", rule Rule::NotNegative;
     /// Its correlation time.
     aircraft_tau_s: f64, unit "s", default 300.0, rule Rule::Positive;
     /// Random walk of every coefficient in an hour, as a part of its prior standard deviation; 0 for constants.
@@ -93,7 +93,7 @@ impl NavigationFilter for FixedLag {
                 let fault = Fault::new("`loss_scale` belongs to the losses `huber` and `cauchy`");
                 Some(fault.help("the loss is `none`: leave it out"))
             }
-            "aircraft_tau_s" if self.aircraft_sigma_nt == 0.0 => {
+            "aircraft_tau_s" if self.aircraft_sigma_nt == Some(0.0) => {
                 Some(Fault::new("`aircraft_tau_s` has no say").help("`aircraft_sigma_nt` is 0: leave it out"))
             }
             _ => self.aiding.idle(key).or_else(|| self.further.idle(key)),
@@ -114,7 +114,10 @@ impl NavigationFilter for FixedLag {
             walk_density: &walk_density,
         };
         let sigma_nt = flown.sigma_of_each_nt();
-        let error = GaussMarkov { sigma: self.aircraft_sigma_nt, tau_s: self.aircraft_tau_s };
+        let error = GaussMarkov {
+            sigma: self.aircraft_sigma_nt.unwrap_or(if flown.is_tuned() { 0.0 } else { 30.0 }),
+            tau_s: self.aircraft_tau_s,
+        };
         let magnetometers: Vec<Magnetometer> = flown
             .magnetometers
             .iter()

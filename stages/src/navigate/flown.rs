@@ -10,15 +10,19 @@ use numerics::{
 use schemas::{Arrays, Fault, LinePoint, OrAuto};
 
 use super::{
-    Navigate, Prepared,
+    Navigate,
     filter::{self, Filter, Flown, Magnetometer},
     ins::{self, Ins},
+    prepared::PreparedMap,
+    start::Begin,
+    tuning::{Asked, Expected, Tuned},
 };
 use crate::columns::data;
 
-/// Points with the same INS.
+/// Points with the same INS and the same start.
 struct Flight<'a> {
     batch: &'a RecordBatch,
+    begin: Begin,
     ins: Result<Ins<'a>, Fault>,
     places: Vec<usize>,
 }
@@ -48,18 +52,36 @@ pub(super) fn run(points: &[LinePoint<Navigate>]) -> Vec<Arrays> {
             answers[place] = Some(Err(Fault::bug("the line is missing")));
             continue;
         };
-        match flights.iter_mut().find(|flight| ins::same(flight.batch, batch)) {
+        let begin = match points[place].stage.begin(batch) {
+            Ok(begin) => begin,
+            Err(fault) => {
+                answers[place] = Some(Err(fault));
+                continue;
+            }
+        };
+        match flights.iter_mut().find(|flight| flight.begin == begin && ins::same(flight.batch, batch)) {
             Some(flight) => flight.places.push(place),
-            None => flights.push(Flight { batch, ins: Ins::of(batch), places: vec![place] }),
+            None => flights.push(Flight { batch, begin, ins: begun(batch, &begin), places: vec![place] }),
         }
     }
     let mut cores = CoreFields::default();
-    for Flight { ins, places, .. } in &flights {
-        let mut works = vec![];
+    for Flight { ins, places, begin, .. } in &flights {
+        let mut maps = vec![];
         for place in places {
-            let point = points[*place];
-            match ins.as_ref().map_err(Clone::clone).and_then(|ins| flown(point, ins, &mut cores)) {
-                Ok((flown, prepared)) => works.push((*place, point.stage, flown, prepared)),
+            let map = points[*place].prepared.map.as_ref();
+            let at_heights = |ins: &Ins| map.map(|map| map.for_heights(ins.alt_m())).transpose();
+            match ins.as_ref().map_err(Clone::clone).and_then(at_heights) {
+                Ok(map) => maps.push((*place, map)),
+                Err(fault) => answers[*place] = Some(Err(fault)),
+            }
+        }
+        let mut works = vec![];
+        let mut found = vec![];
+        for (place, map) in &maps {
+            let (point, map) = (points[*place], map.as_deref());
+            let of = |ins| flown(point, ins, begin, map, (&mut cores, &mut found));
+            match ins.as_ref().map_err(Clone::clone).and_then(of) {
+                Ok(flown) => works.push((*place, point.stage, flown, map)),
                 Err(fault) => answers[*place] = Some(Err(fault)),
             }
         }
@@ -75,8 +97,8 @@ pub(super) fn run(points: &[LinePoint<Navigate>]) -> Vec<Arrays> {
         for (filter, of) in filters {
             let together: Vec<filter::Point> = of.iter().map(|i| (&*works[*i].1.filter.keys, &works[*i].2)).collect();
             for (i, track) in of.iter().zip((filter.navigate_points)(&together)) {
-                let (place, stage, flown, prepared) = &works[*i];
-                let height = prepared.map.as_ref().map_or(f64::NAN, |map| map.errors.of_height_nt(ins.alt_m()));
+                let (place, stage, flown, map) = &works[*i];
+                let height = map.map_or(f64::NAN, |map| map.errors.of_height_nt(ins.alt_m()));
                 answers[*place] = Some(track.and_then(|track| stage.arrays(track, flown, height)));
             }
         }
@@ -85,41 +107,59 @@ pub(super) fn run(points: &[LinePoint<Navigate>]) -> Vec<Arrays> {
     answers.into_iter().map(|a| a.unwrap_or_else(|| Err(Fault::bug("a point was lost")))).collect()
 }
 
+/// The INS of a line, corrected where a filter starts from a fix.
+fn begun<'a>(batch: &'a RecordBatch, begin: &Begin) -> Result<Ins<'a>, Fault> {
+    let ins = Ins::of(batch)?;
+    match begin {
+        Begin::Fixed { fix, row } => {
+            ins.series().check().map_err(data)?;
+            Ok(ins.corrected(fix, *row))
+        }
+        Begin::Given | Begin::Aligned { .. } => Ok(ins),
+    }
+}
+
 /// What one point gives to its filter.
 fn flown<'a>(
     LinePoint { stage, line, prepared }: LinePoint<'a, Navigate>,
     ins: &'a Ins,
-    cores: &mut CoreFields,
-) -> Result<(Flown<'a>, &'a Prepared), Fault> {
+    begin: &Begin,
+    map: Option<&'a PreparedMap>,
+    (cores, found): (&mut CoreFields, &mut Vec<(Asked, Tuned)>),
+) -> Result<Flown<'a>, Fault> {
     let batch = line.inputs.first().ok_or_else(|| Fault::bug("the line is missing"))?;
     let mut magnetometers = vec![];
     for name in stage.magnetometers() {
         magnetometers.push(Magnetometer { name, measured_nt: stage.measured(batch, name)? });
     }
     let core = stage.core_year(batch)?.map(|year| cores.at(year)).transpose()?;
-    let mut noise = stage.expected(batch)?;
-    if stage.noise.measurement_sigma_nt == OrAuto::Auto
-        && let Some(map) = &prepared.map
+    let expected = stage.expected(batch)?;
+    let mut sigma_nt = expected.sigma_nt;
+    if stage.noise.measurement_sigma_nt == Some(OrAuto::Auto)
+        && let Some(map) = map
     {
-        noise.sigma_nt = noise.sigma_nt.hypot(map.errors.of_interpolation_nt(ins.step_m()));
+        sigma_nt = sigma_nt.hypot(map.errors.of_interpolation_nt(ins.step_m()));
     }
-    let errors = InsErrorModel {
-        fogm_sigma_nt: noise.fogm_sigma_nt,
-        fogm_tau_s: noise.fogm_tau_s,
+    let mut errors = InsErrorModel {
+        fogm_sigma_nt: expected.fogm_sigma_nt,
+        fogm_tau_s: expected.fogm_tau_s,
         ..InsErrorModel::of(stage.ins.sources)
     };
+    let series = ins.series();
+    series.check().map_err(data)?;
+    errors.start = begin.covariance(&errors, &series);
     let field_nt = stage.geometry.field(batch)?;
     let cosines = field_nt.map(|field| stage.geometry.cosines(field));
     let factors = |cosines: &Vec<f64>| cosines.iter().map(|cosine| stage.geometry.noise_factor(*cosine)).collect();
     let mut flown = Flown {
-        ins: ins.series(),
+        ins: series,
         measured_nt: vec![],
         sigma_nt: vec![],
         magnetometers,
-        map: prepared.map.as_ref().map(|map| &map.field),
+        map: map.map(|map| &map.field),
         core,
         errors,
-        measurement_sigma_nt: noise.sigma_nt,
+        measurement_sigma_nt: sigma_nt,
         offset_window_s: stage.offset_window_s,
         columns: batch,
         models: &prepared.models,
@@ -129,21 +169,30 @@ fn flown<'a>(
         sample_sigma_nt: stage.sample_sigma_nt(batch)?,
         map_sigma_nt: None,
         gnss: None,
+        counts: vec![],
+        left_out: vec![],
+        tuned: None,
     };
     flown.gnss = stage.filter.keys.aiding().map(|aiding| aiding.gnss(&flown)).transpose()?.flatten();
     // A filter that takes each by itself takes each one's offset off, too.
     let each = stage.filter.keys.each_magnetometer().then(|| flown.magnetometers.clone());
     flown.combine()?;
-    if let Some((map, length_m)) = prepared.map.as_ref().zip(stage.map_error_length_m) {
+    let finds_noise = stage.finds_noise(map.is_some());
+    if let Some(map) = map.filter(|_| finds_noise) {
+        stage.tune(&mut flown, map, &Expected { sigma_nt, ..expected }, found)?;
+    }
+    if let Some((map, length_m)) = map.zip(stage.map_error_length_m) {
         flown.map_sigma_nt =
             map.errors.own_nt(&NavigationLine { fixes: flown.fixes(), ..flown.line()? }, ins.step_m(), length_m)?;
-        let of_map = flown.map_sigma_nt.iter().flatten();
-        flown.sigma_nt.iter_mut().zip(of_map).for_each(|(sigma, of_map)| *sigma = sigma.hypot(*of_map));
+        flown.set_sigma();
     }
     if let Some(each) = each {
         (flown.magnetometers, flown.offset_window_s) = (each, stage.offset_window_s);
     }
-    Ok((flown, prepared))
+    if finds_noise && !stage.filter.keys.gates() {
+        flown.reject_outliers()?;
+    }
+    Ok(flown)
 }
 
 impl Flown<'_> {
@@ -165,9 +214,10 @@ impl Flown<'_> {
             self.offset_window_s = 0.0;
         }
         let rows = self.ins.len();
-        self.sigma_nt = (0..rows).map(|row| self.own_sigma_nt(row)).collect();
+        self.counts = vec![1.0; rows];
         if magnetometers.len() == 1 {
             self.measured_nt = magnetometers.remove(0).measured_nt;
+            self.set_sigma();
             return Ok(());
         }
         self.measured_nt = vec![f64::NAN; rows];
@@ -179,10 +229,20 @@ impl Flown<'_> {
             }
             if count > 0.0 {
                 self.measured_nt[row] = sum_nt / count;
-                self.sigma_nt[row] = self.own_sigma_nt(row) / f64::sqrt(count);
+                self.counts[row] = count;
             }
         }
+        self.set_sigma();
         Ok(())
+    }
+
+    /// Sets one sigma of each measurement, from the sensors, their number, and the map.
+    pub(super) fn set_sigma(&mut self) {
+        let of = |row: usize| {
+            let own_nt = self.own_sigma_nt(row) / f64::sqrt(self.counts[row]);
+            if self.map_sigma_nt.is_some() { own_nt.hypot(self.map_sigma_at(row)) } else { own_nt }
+        };
+        self.sigma_nt = (0..self.ins.len()).map(of).collect();
     }
 }
 

@@ -3,7 +3,12 @@
 use std::borrow::Cow;
 
 use arrow_array::RecordBatch;
-use numerics::navigation::{ins_series::InsSeries, strapdown};
+use numerics::navigation::{
+    InsErrorModel,
+    ins_error::{Fix, correction_along},
+    ins_series::InsSeries,
+    strapdown,
+};
 use schemas::Fault;
 
 use super::{ATTITUDE, FORCE, POSITION, VELOCITY};
@@ -14,7 +19,7 @@ type Three<'a> = [Cow<'a, [f64]>; 3];
 /// The columns of an INS.
 pub(super) struct Ins<'a> {
     tt_s: &'a [f64],
-    position: [&'a [f64]; 3],
+    position: Three<'a>,
     velocity: Three<'a>,
     force: Three<'a>,
     attitude: Three<'a>,
@@ -28,8 +33,7 @@ impl<'a> Ins<'a> {
     /// Borrows the columns that are there, and derives the others.
     pub(super) fn of(batch: &'a RecordBatch) -> Result<Self, Fault> {
         let tt_s = floats(batch, "tt")?;
-        let position = three(batch, POSITION)?;
-        let [lat_deg, lon_deg, alt_m] = position;
+        let position @ [lat_deg, lon_deg, alt_m] = three(batch, POSITION)?;
         let read = |names: [&str; 3]| -> Result<Option<Three<'a>>, Fault> {
             let there = batch.column_by_name(names[0]).is_some();
             there.then(|| Ok(three(batch, names)?.map(Cow::Borrowed))).transpose()
@@ -51,12 +55,29 @@ impl<'a> Ins<'a> {
             Some(attitude) => attitude,
             None => derived(strapdown::level_attitude_deg(vn_mps, ve_mps).map_err(data)?),
         };
-        Ok(Self { tt_s, position, velocity, force, attitude })
+        Ok(Self { tt_s, position: position.map(Cow::Borrowed), velocity, force, attitude })
+    }
+
+    /// The INS corrected by a fix at a row near its start.
+    pub(super) fn corrected(self, fix: &Fix, row: usize) -> Self {
+        let series = self.series();
+        let rest = series.from(row);
+        let first = fix.error(&rest);
+        let corrections = correction_along(&InsErrorModel::default(), &series, first);
+        let mut corrections = corrections.into_iter();
+        let mut add = |to: &Cow<[f64]>| -> Cow<'a, [f64]> {
+            let by = corrections.next().unwrap_or_default();
+            Cow::Owned(to.iter().zip(by).map(|(value, by)| value + by).collect())
+        };
+        let position = self.position.each_ref().map(&mut add);
+        let velocity = self.velocity.each_ref().map(&mut add);
+        Self { position, velocity, ..self }
     }
 
     /// The columns as the filter takes them.
     pub(super) fn series(&self) -> InsSeries<'_> {
-        let ([lat, lon, alt], [vn, ve, vd]) = (self.position, self.velocity.each_ref().map(|c| &**c));
+        let ([lat, lon, alt], [vn, ve, vd]) =
+            (self.position.each_ref().map(|c| &**c), self.velocity.each_ref().map(|c| &**c));
         let ([force_n, force_e, force_d], [roll, pitch, yaw]) =
             (self.force.each_ref().map(|c| &**c), self.attitude.each_ref().map(|c| &**c));
         InsSeries::of([self.tt_s, lat, lon, alt, vn, ve, vd, force_n, force_e, force_d, roll, pitch, yaw])
@@ -64,7 +85,7 @@ impl<'a> Ins<'a> {
 
     /// The heights above the ellipsoid, in metres.
     pub(super) fn alt_m(&self) -> &[f64] {
-        self.position[2]
+        &self.position[2]
     }
 
     /// The mean way from one sample to the next, in metres.

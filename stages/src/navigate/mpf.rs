@@ -52,12 +52,16 @@ filter! {
     /// number; Gordon, Salmond & Smith (1993) use 0.2.
     roughening: f64, unit "1", default 0.0, rule Rule::NotNegative;
     /// A measurement whose squared innovation over its variance, both of the whole cloud, is above this is not used.
-    gate_nis: Option<f64>, unit "1", absent "all measurements that any particle explains are used", rule Rule::Positive;
+    gate_nis: Option<f64>, unit "1", absent "outliers are rejected before the filter, or none with `tuning = \"magnav\"`", rule Rule::Positive;
     /// Append the three heaviest modes of the position to each sample. Takes half as long again.
     save_modes: bool, unit "", default false;
 }
 
 impl NavigationFilter for Mpf {
+    fn gates(&self) -> bool {
+        self.gate_nis.is_some()
+    }
+
     fn effort(&self) -> f64 {
         self.particles as f64
     }

@@ -89,7 +89,7 @@ filter! {
     /// Particles are resampled when their effective number falls below this fraction of all.
     resample_below: f64, unit "1", default 0.5, rule Rule::Between(0.0, 1.0);
     /// A measurement whose squared innovation over its variance is above this is not used.
-    gate_nis: Option<f64>, unit "1", absent "all measurements are used", rule Rule::Positive;
+    gate_nis: Option<f64>, unit "1", absent "outliers are rejected before the filter, or none with `tuning = \"magnav\"`", rule Rule::Positive;
     /// The most probable track of the whole flight in place of the particles' one.
     smooth: bool, unit "", default false;
     /// The most measurements that the smoother looks at; of more, each is the mean of a few neighbours, and others are left
@@ -102,6 +102,10 @@ filter! {
 }
 
 impl NavigationFilter for Slam {
+    fn gates(&self) -> bool {
+        self.gate_nis.is_some()
+    }
+
     fn needs_map(&self) -> bool {
         false
     }

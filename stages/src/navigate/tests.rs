@@ -24,7 +24,8 @@ fn text(word: &str) -> Literal {
 fn navigate(given: &[(&str, Literal)]) -> Navigate {
     let filters = FILTERS.iter().copied().chain([&Still::FILTER]).collect();
     let lists = Lists::default().with::<Filter>(filters);
-    let args = given.iter().map(|(key, value)| {
+    let magnav = ("tuning", text("magnav"));
+    let args = given.iter().chain([&magnav]).map(|(key, value)| {
         let given = Given { value: value.clone(), key_at: 0..0, at: 0..0 };
         ((*key).to_owned(), given)
     });

@@ -34,7 +34,7 @@ filter! {
     /// fourth moment of a normal distribution.
     kappa: f64, unit "1", default 0.0, rule Rule::Finite;
     /// A measurement whose squared innovation over its variance is above this is not used.
-    gate_nis: Option<f64>, unit "1", absent "all measurements are used", rule Rule::Positive;
+    gate_nis: Option<f64>, unit "1", absent "outliers are rejected before the filter, or none with `tuning = \"magnav\"`", rule Rule::Positive;
     /// How the process noise becomes a step's covariance: to second order, to first order as MagNav.jl, or exactly.
     discretisation: NoiseDiscretisation, unit "", default NoiseDiscretisation::Trapezoidal;
     /// Append the state `x` and its covariance `p` (row-major).
@@ -42,6 +42,10 @@ filter! {
 }
 
 impl NavigationFilter for Ukf {
+    fn gates(&self) -> bool {
+        self.gate_nis.is_some()
+    }
+
     fn reads(&self, flight: &Flight) -> Result<Vec<String>, Vec<Fault>> {
         both(self.aiding.reads(flight), self.further.reads(flight))
     }

@@ -161,6 +161,7 @@ shrinkage = "$shrinkage"
 [[stages]]
 name       = "track"
 stage      = "navigate"
+tuning     = "magnav"
 input      = "flights"
 map        = "anomaly"
 filter     = "$filter"

@@ -36,7 +36,7 @@ mod pause;
 pub(super) mod spec;
 
 /// The columns of the INS, in their order.
-pub(super) const COLUMNS: [&str; 12] = [
+pub(super) const COLUMNS: [&str; 13] = [
     "ins_lat",
     "ins_lon",
     "ins_alt",
@@ -49,12 +49,15 @@ pub(super) const COLUMNS: [&str; 12] = [
     "ins_fn",
     "ins_fe",
     "ins_fd",
+    "ins_aligned",
 ];
 
 /// The INS of one flight, continued from line to line.
 pub(super) struct Run {
     member: usize,
     carried: Option<Carried>,
+    /// Time of the last alignment, in s; NaN before the first line.
+    aligned_s: f64,
 }
 
 /// The state between two lines.
@@ -76,7 +79,7 @@ impl Run {
     pub(super) fn of(path: &Path, spec: &Spec, flight: &Flight) -> Result<Run, ReadError> {
         let on = spec.components.on("ins");
         let member = if on && spec.ins.ensemble > 1 { chosen(path, spec, flight)? } else { 0 };
-        Ok(Run { member, carried: None })
+        Ok(Run { member, carried: None, aligned_s: f64::NAN })
     }
 
     /// The INS output along the next line, one column for each of [`COLUMNS`]. With the component `ins` off
@@ -84,9 +87,12 @@ impl Run {
     ///
     /// # Errors
     /// Fails for a trajectory or a parameter outside the error model, and for an INS whose error exceeds the limit.
-    pub(super) fn line(&mut self, scene: &Scene, truth: &Trajectory) -> Result<[Vec<f64>; 12], ReadError> {
+    pub(super) fn line(&mut self, scene: &Scene, truth: &Trajectory) -> Result<[Vec<f64>; 13], ReadError> {
+        if self.aligned_s.is_nan() || scene.spec.ins.align == Align::Line {
+            self.aligned_s = truth.tt_s.first().copied().unwrap_or(f64::NAN);
+        }
         if !scene.spec.components.on("ins") {
-            return Ok(exact(truth));
+            return Ok(self.with_alignment(exact(truth)));
         }
         let wrong = |e: InsErrorFault| scene.fault(e.to_string());
         let ins = &scene.spec.ins;
@@ -101,7 +107,13 @@ impl Run {
         }
         let columns = columns(truth, &errors, &state.extras);
         self.carried = Some(state);
-        Ok(columns)
+        Ok(self.with_alignment(columns))
+    }
+
+    fn with_alignment(&self, columns: [Vec<f64>; 12]) -> [Vec<f64>; 13] {
+        let rows = columns[0].len();
+        let mut columns = columns.into_iter().chain([vec![self.aligned_s; rows]]);
+        std::array::from_fn(|_| columns.next().unwrap_or_default())
     }
 }
 

@@ -45,7 +45,7 @@ fn read(before: &str, ins: &str) -> Result<Spec, ReadError> {
 /// What the truth and the INS are along the lines of the flight.
 struct Said {
     truth: Trajectory,
-    ins: [Vec<f64>; 12],
+    ins: [Vec<f64>; 13],
 }
 
 fn flown(spec: &Spec) -> Result<Vec<Said>, ReadError> {

@@ -22,6 +22,8 @@ pub struct Settings {
     pub sigma_nt: Option<f64>,
     /// The standard deviation of what lasts of the measurement's error, nT.
     pub fogm_sigma_nt: Option<f64>,
+    /// Whether the noise was found by the likelihood of the innovations.
+    pub found: bool,
     /// How long a constant is estimated for, s.
     pub offset_window_s: f64,
     /// Whether the map is continued to the heights flown.
@@ -64,8 +66,16 @@ impl<'a> Facts<'a> {
             (None, Some(input)) => first(graph, store, input, line, column),
             (given, _) => Ok(given),
         };
-        let sigma_nt = found("measurement_sigma_nt", "mag_sigma")?;
-        let fogm_sigma_nt = found("fogm_sigma_nt", "mag_fogm_sigma")?;
+        let tuned = |column: &str| first(graph, store, Ref::Stage(t, i), line, column);
+        let likely_nt = tuned("noise_sigma")?;
+        let sigma_nt = match likely_nt {
+            Some(sigma_nt) => Some(sigma_nt),
+            None => found("measurement_sigma_nt", "mag_sigma")?,
+        };
+        let fogm_sigma_nt = match tuned("noise_fogm_sigma")? {
+            Some(fogm_nt) => Some(fogm_nt),
+            None => found("fogm_sigma_nt", "mag_fogm_sigma")?,
+        };
         let said = number("decimal_year").filter(|_| param("core_field") == Some("true"));
         let flown = match said {
             Some(_) => flight_date(graph, store, &it, line)?,
@@ -74,6 +84,7 @@ impl<'a> Facts<'a> {
         let settings = Settings {
             sigma_nt,
             fogm_sigma_nt,
+            found: likely_nt.is_some(),
             offset_window_s: number("offset_window_s").unwrap_or(0.0),
             levels: param("map_levels_m").is_some_and(|v| v != "none"),
             compensated: graph.plan.upstream(&it.inputs(), "compensate").is_some(),
@@ -109,6 +120,7 @@ impl<'a> Facts<'a> {
         let settings = self.settings.as_ref()?;
         let found = match kind {
             Kind::WorseThanIns | Kind::NeesHigh | Kind::NisHigh => self.too_sure(settings, kind),
+            Kind::NeesLow | Kind::NisLow if settings.found => vec![],
             Kind::NeesLow | Kind::NisLow => self.too_cautious(settings),
             Kind::NotWhite => vec!["an error that lasts is taken as independent noise: of the map between sparse lines \
                 (`map_error_length_m`, `map_sigma_nt`), of the time stamps (`mag_latency_sigma_s`), or of what compensation left"
@@ -131,7 +143,8 @@ impl<'a> Facts<'a> {
         let shown = |x: f64| number(Some(x));
         let sigma = settings.sigma_nt;
         let mut found = vec![];
-        if settings.offset_window_s == 0.0 {
+        // An offset is part of the noise that was found.
+        if settings.offset_window_s == 0.0 && !settings.found {
             let large = |bias: &f64| bias.abs() > limits::BIAS_SIGMAS * sigma.unwrap_or(5.0);
             match row.get("bias_error") {
                 Some(bias) if large(&bias) => found.push(format!(
@@ -151,12 +164,12 @@ impl<'a> Facts<'a> {
         if let Some((said, flown)) = settings.dates.filter(|(a, b)| (a - b).abs() > limits::DATE_A) {
             found.push(format!("`decimal_year` is {said:.2}, but the flight's own date is {flown:.2}"));
         }
-        found.extend(self.sigma_too_small(sigma));
+        found.extend(self.sigma_too_small(sigma).filter(|_| !settings.found));
         if let Some(share) = row.off_map().filter(|s| *s >= limits::OFF_MAP_CAUSE) {
             // A filter that diverged has left the map for that reason; which came first is not known.
             found.push(format!("{:.0} % of the samples are off the map", 100.0 * share));
         }
-        if found.is_empty() {
+        if found.is_empty() && !settings.found {
             found.extend(self.otherwise(kind));
         }
         found

@@ -17,6 +17,7 @@ mod faulty;
 mod grade;
 mod graded;
 mod mechanised;
+mod start;
 
 pub use along::{InsErrorEnsemble, errors_along, horizontal_m};
 pub use driving::Draws;
@@ -24,6 +25,7 @@ pub use faulty::faulty_ins;
 pub use grade::InsGrade;
 pub use graded::GradedIns;
 pub use mechanised::{MechanisedExtras, mechanised_errors_along};
+pub use start::{Fix, FixSigmas, aligned_covariance, correction_along};
 
 params! {
     /// The error sources of an INS: initial uncertainties, noise densities, correlation times. The defaults are
@@ -79,6 +81,9 @@ pub struct InsErrorModel {
     pub pinson: PinsonForm,
     /// How a step's process noise is made.
     pub noise: NoiseDiscretisation,
+    /// Covariance of the states at the first sample, in rad, m, m/s, m/s², rad/s and nT; `None`: diagonal, of the initial
+    /// standard deviations of `sources`. The variance of the temporal variation is that of `fogm_sigma_nt` either way.
+    pub start: Option<StateMatrix>,
 }
 
 impl Default for InsErrorModel {
@@ -113,6 +118,7 @@ impl InsErrorModel {
             earth: EarthModel::default(),
             pinson: PinsonForm::default(),
             noise: NoiseDiscretisation::default(),
+            start: None,
         }
     }
 
@@ -166,9 +172,17 @@ impl InsErrorModel {
         sigmas
     }
 
-    /// The initial covariance P0, diagonal. [MagNav.jl `create_P0`]
+    /// The initial covariance P0: [`InsErrorModel::start`], or diagonal. [MagNav.jl `create_P0`]
     pub fn initial_covariance(&self, lat_rad: f64, alt_m: f64) -> StateMatrix {
-        diagonal(&self.initial_sigmas(lat_rad, alt_m).map(|sigma| sigma * sigma))
+        match self.start {
+            Some(mut start) => {
+                start[S] = [0.0; STATES];
+                start.iter_mut().for_each(|row| row[S] = 0.0);
+                start[S][S] = self.fogm_sigma_nt * self.fogm_sigma_nt;
+                start
+            }
+            None => diagonal(&self.initial_sigmas(lat_rad, alt_m).map(|sigma| sigma * sigma)),
+        }
     }
 
     /// Spectral densities of the driving noise, per second, the diagonal of Q. Position and

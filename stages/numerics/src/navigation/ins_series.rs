@@ -111,6 +111,11 @@ pub enum SeriesError {
 }
 
 impl<'a> InsSeries<'a> {
+    /// The samples from `row` on, which is below [`InsSeries::len`].
+    pub fn from(&self, row: usize) -> Self {
+        Self::of(self.columns().map(|(_, column)| &column[row..]))
+    }
+
     /// The number of samples.
     pub fn len(&self) -> usize {
         self.tt_s.len()

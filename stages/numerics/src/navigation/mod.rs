@@ -136,6 +136,7 @@ pub mod iekf;
 pub mod ins_error;
 pub mod ins_only;
 pub mod ins_series;
+pub mod likelihood;
 pub mod line;
 pub mod loss;
 pub mod map_noise;

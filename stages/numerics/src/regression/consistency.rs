@@ -88,7 +88,13 @@ fn mean_square(x: &[f64]) -> f64 {
     squares().sum::<f64>() / squares().count() as f64
 }
 
-/// The share of the autocorrelations of `x` at lags of 1 to `lags` samples that are within 1.96/√n, n being the pairs of a
+/// The samples from one finite value to the next, at least: thinned measurements have innovations at some samples alone.
+fn stride(x: &[f64]) -> usize {
+    let rows: Vec<usize> = (0..x.len()).filter(|row| x[*row].is_finite()).collect();
+    rows.windows(2).map(|pair| pair[1] - pair[0]).min().unwrap_or(1)
+}
+
+/// The share of the autocorrelations of `x` at lags of 1 to `lags` finite values that are within 1.96/√n, n being the pairs of a
 /// lag: 0.95 on average for white noise of mean 0. About 0, so that a bias is no white noise; pairs of which one is not
 /// finite are left out. NaN for fewer samples than twice the lags, and for a series of zeros.
 pub fn whiteness(x: &[f64], lags: usize) -> Figure {
@@ -96,8 +102,9 @@ pub fn whiteness(x: &[f64], lags: usize) -> Figure {
     if n < 2 * lags.max(1) || mean_square(x) <= 0.0 {
         return Figure { value: f64::NAN, n };
     }
+    let stride = stride(x);
     let within = |lag: &usize| {
-        let Figure { value, n } = autocorrelation(x, *lag);
+        let Figure { value, n } = autocorrelation(x, stride * lag);
         value.abs() <= 1.96 / (n as f64).sqrt()
     };
     Figure { value: (1..=lags).filter(within).count() as f64 / lags as f64, n }
@@ -265,5 +272,15 @@ mod tests {
         assert!(figure.n == 380 && figure.value > 0.7, "{figure:?}");
         assert!(whiteness(&x[..39], 20).value.is_nan() && whiteness(&[0.0; 100], 20).value.is_nan());
         assert!(whiteness(&[f64::NAN; 100], 20).value.is_nan() && whiteness(&[], 20).n == 0);
+    }
+
+    #[test]
+    fn law_values_at_every_tenth_sample_are_as_white_as_without_the_gaps() {
+        let mut normals = crate::random::Normals::new(3);
+        let dense: Vec<f64> = (0..800).map(|_| normals.draw()).collect();
+        let mut sparse = vec![f64::NAN; 8000];
+        dense.iter().enumerate().for_each(|(row, value)| sparse[10 * row] = *value);
+        assert_eq!(whiteness(&sparse, 20).value, whiteness(&dense, 20).value);
+        assert!(whiteness(&sparse, 20).value > 0.8);
     }
 }

@@ -36,7 +36,11 @@ fn line(north_deg: f64) -> RecordBatch {
 }
 
 fn point(params: &[(&str, Literal)]) -> AnyStage {
-    let given = [("core_field", Literal::Bool(false)), ("save_state", Literal::Bool(true))];
+    let given = [
+        ("tuning", Literal::Text("magnav".into())),
+        ("core_field", Literal::Bool(false)),
+        ("save_state", Literal::Bool(true)),
+    ];
     let args: Args = given
         .iter()
         .chain(params)

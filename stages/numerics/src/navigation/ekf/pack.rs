@@ -103,10 +103,13 @@ impl<'a, S: Simd> Pack<'a, S> {
         let zero = simd.splat_f64s(0.0);
         let (mut density, mut p) = ([zero; STATES], [[zero; STATES]; STATES]);
         let parameters = |lane: usize| filters[lane.min(filters.len() - 1)].point.parameters;
+        let covariances: Vec<_> =
+            filters.iter().map(|filter| filter.point.parameters.errors.initial_covariance(lat_rad, alt_m)).collect();
         for state in 0..STATES {
             density[state] = from_lanes(simd, |lane| parameters(lane).errors.noise_density()[state]);
-            p[state][state] =
-                from_lanes(simd, |lane| parameters(lane).errors.initial_covariance(lat_rad, alt_m)[state][state]);
+            for column in 0..STATES {
+                p[state][column] = from_lanes(simd, |lane| covariances[lane.min(filters.len() - 1)][state][column]);
+            }
         }
         Self { filters, noise, density, x: [zero; STATES], p }
     }

@@ -12,21 +12,26 @@ use super::{InsErrors, InsGrade};
 pub struct GradedIns {
     /// The error sources.
     pub sources: InsErrors,
+    /// Whether a spec gives an initial position, height or velocity.
+    pub start_given: bool,
 }
+
+/// Keys of the initial position, height and velocity.
+const OF_START: [&str; 3] = ["init_position_sigma_m", "init_altitude_sigma_m", "init_velocity_sigma_mps"];
 
 params! {
     /// The key beside those of [`InsErrors`].
     struct Grade;
-    /// How good the INS is: what its error sources, the keys `init_*`, `*_sigma*` and `*_tau_s` of the INS, are where they
-    /// are left out. A key that is given has its own value, whatever the grade. `magnav` are the defaults shown with the
-    /// keys; `navigation` is a Honeywell HG9900, `tactical` a HG1700 and `commercial` are micro-mechanical sensors [thesis
-    /// 001, Tables 9 and 10], all of them with a position that is known at first (`init_position_sigma_m = 0`).
+    /// Quality of the INS: sets the error sources (keys `init_*`, `*_sigma*` and `*_tau_s` of the INS) that are unset. `magnav`
+    /// has the defaults shown with the keys; `navigation` is a Honeywell HG9900, `tactical` a HG1700 and `commercial` has
+    /// micro-mechanical sensors [thesis 001, Tables 9 and 10]. The last three know their position exactly at the alignment
+    /// (`init_position_sigma_m = 0`).
     ins_grade: Option<InsGrade>, unit "", absent "`magnav`";
 }
 
 impl From<InsErrors> for GradedIns {
     fn from(sources: InsErrors) -> Self {
-        Self { sources }
+        Self { sources, start_given: false }
     }
 }
 
@@ -36,7 +41,8 @@ impl Params for GradedIns {
         let of_grade = grade.as_ref().and_then(|grade| grade.ins_grade).map(InsGrade::errors);
         let sources = InsErrors::read(reader, of_grade.as_ref().or(base.map(|base| &base.sources)));
         grade?;
-        sources.map(Self::from)
+        let start_given = OF_START.iter().any(|key| reader.given(key).is_some());
+        sources.map(|sources| Self { sources, start_given })
     }
 
     fn docs(lists: &Lists) -> Vec<ParamDoc> {
@@ -45,6 +51,9 @@ impl Params for GradedIns {
 
     fn spell(&self, out: &mut Vec<(&'static str, String)>) {
         self.sources.spell(out);
+        if self.start_given {
+            out.push(("init_given", "true".to_owned()));
+        }
     }
 
     fn check(&self) -> Result<(), Fault> {

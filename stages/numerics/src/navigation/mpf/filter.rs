@@ -88,7 +88,11 @@ impl<'a, const N: usize> Filter<'a, N> {
             p[state][state] = error.sigma * error.sigma;
         }
         let sigmas = [LAT, LON].map(|state| p[state][state].sqrt());
-        (p[LAT][LAT], p[LON][LON]) = (0.0, 0.0);
+        // The particles hold the horizontal position, independent of the other states at first.
+        for state in [LAT, LON] {
+            p[state] = [0.0; N];
+            p.iter_mut().for_each(|row| row[state] = 0.0);
+        }
         let cloud = Cloud::new(parameters.particles, sigmas, Draws::new(parameters.seed, Purpose::Start, 0));
         let (offset_nt, samples) = line.predicted().offset(ins, line.measurement_nt, line.offset_window_s);
         let track = NavigationOutput::with_capacity(ins.len(), parameters.keep_states, parameters.keep_covariance);

@@ -1,0 +1,215 @@
+//! The error of an INS at the first sample of a line: from the alignment before it, or from a position and velocity fix.
+
+use crate::navigation::ins_error::InsErrorModel;
+use crate::navigation::ins_series::InsSeries;
+use crate::navigation::pinson::{ALT, InsPoint, LAT, LON, S, STATES, StateMatrix, VN, pinson_matrix};
+use crate::navigation::strapdown::specific_force_mps2;
+use crate::navigation::transition::{propagate_state, step_covariance, transition_matrix};
+
+/// Longest step of the propagation from the alignment, in s.
+const STEP_S: f64 = 5.0;
+
+/// Covariance of the states at the first sample of `ins`, which was aligned `age_s` seconds before.
+///
+/// The initial standard deviations of `errors` are those at the alignment. Between the alignment and the first sample the
+/// flight is assumed to be straight and level, with the velocity and heading of the first sample. `ins` has at least one
+/// sample.
+pub fn aligned_covariance(errors: &InsErrorModel, ins: &InsSeries<'_>, age_s: f64) -> StateMatrix {
+    let errors = InsErrorModel { start: None, ..*errors };
+    let first = ins.point(0);
+    let mut p = errors.initial_covariance(first.lat_rad, ins.alt_m[0]);
+    if age_s <= 0.0 {
+        return p;
+    }
+    let level = InsPoint {
+        force_ned_mps2: specific_force_mps2(first.lat_rad, ins.alt_m[0], first.vel_ned_mps, [0.0; 3]),
+        euler_rad: [0.0, 0.0, first.euler_rad[2]],
+        ..first
+    };
+    let steps = (age_s / STEP_S).ceil();
+    let dt_s = age_s / steps;
+    let f = pinson_matrix(&level, &errors.time_constants(), errors.pinson);
+    let (phi, density) = (transition_matrix(&f, dt_s), errors.noise_density());
+    for _ in 0..steps as usize {
+        p = step_covariance(&p, &f, &phi, &density, dt_s, errors.noise);
+    }
+    p
+}
+
+/// A position and velocity fix at the first sample of a line.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Fix {
+    /// Latitude and longitude, in degrees.
+    pub lat_lon_deg: [f64; 2],
+    /// Height above the ellipsoid, in m.
+    pub alt_m: f64,
+    /// Velocity north, east and down, in m/s; `None` keeps that of the INS.
+    pub vel_ned_mps: Option<[f64; 3]>,
+    /// Its standard deviations.
+    pub sigmas: FixSigmas,
+}
+
+/// Standard deviations of a fix.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FixSigmas {
+    /// Of the position north and east, each, in m.
+    pub horizontal_m: f64,
+    /// Of the height, in m.
+    pub vertical_m: f64,
+    /// Of each component of the velocity, in m/s.
+    pub velocity_mps: f64,
+}
+
+impl Fix {
+    /// Covariance of the states of an INS that was corrected by the fix. Tilts, biases and the barometer loop have the initial
+    /// standard deviations of `errors`, and so has the velocity where the fix has none.
+    pub fn covariance(&self, errors: &InsErrorModel) -> StateMatrix {
+        let mut model = InsErrorModel { start: None, ..*errors };
+        model.sources.init_position_sigma_m = self.sigmas.horizontal_m;
+        model.sources.init_altitude_sigma_m = self.sigmas.vertical_m;
+        if self.vel_ned_mps.is_some() {
+            model.sources.init_velocity_sigma_mps = self.sigmas.velocity_mps;
+        }
+        model.initial_covariance(self.lat_lon_deg[0].to_radians(), self.alt_m)
+    }
+
+    /// Error of an INS at its first sample, truth minus INS: latitude and longitude (rad), height (m), velocity (m/s).
+    pub fn error(&self, ins: &InsSeries<'_>) -> [f64; 6] {
+        let [lat_deg, lon_deg] = self.lat_lon_deg;
+        let own = [ins.vn_mps[0], ins.ve_mps[0], ins.vd_mps[0]];
+        let velocity = self.vel_ned_mps.map_or([0.0; 3], |fix| [0, 1, 2].map(|axis| fix[axis] - own[axis]));
+        [
+            (lat_deg - ins.lat_deg[0]).to_radians(),
+            (lon_deg - ins.lon_deg[0]).to_radians(),
+            self.alt_m - ins.alt_m[0],
+            velocity[0],
+            velocity[1],
+            velocity[2],
+        ]
+    }
+}
+
+/// Corrections along a line for an error at its first sample, as [`Fix::error`] has it: latitude and longitude in degrees,
+/// height in m, velocity north, east and down in m/s, one column each. The error propagates by the INS error model.
+pub fn correction_along(errors: &InsErrorModel, ins: &InsSeries<'_>, first: [f64; 6]) -> [Vec<f64>; 6] {
+    let mut x = [0.0; STATES];
+    for (state, value) in [LAT, LON, ALT, VN, VN + 1, VN + 2].into_iter().zip(first) {
+        x[state] = value;
+    }
+    x[S] = 0.0;
+    let mut columns: [Vec<f64>; 6] = Default::default();
+    for row in 0..ins.len() {
+        if row > 0 {
+            let f = pinson_matrix(&ins.point(row - 1), &errors.time_constants(), errors.pinson);
+            x = propagate_state(&transition_matrix(&f, ins.tt_s[row] - ins.tt_s[row - 1]), &x);
+        }
+        let now = [x[LAT].to_degrees(), x[LON].to_degrees(), x[ALT], x[VN], x[VN + 1], x[VN + 2]];
+        columns.iter_mut().zip(now).for_each(|(column, value)| column.push(value));
+    }
+    columns
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use crate::navigation::ins_error::{InsErrors, InsGrade, simulate_ins_error};
+    use crate::navigation::pinson::TILT_N;
+    use crate::random::Normals;
+
+    /// A straight level flight, a sample a second.
+    fn flight(rows: usize) -> [Vec<f64>; 13] {
+        let each = |of: &dyn Fn(f64) -> f64| (0..rows).map(|k| of(k as f64)).collect::<Vec<f64>>();
+        let force = specific_force_mps2(0.7, 500.0, [60.0, 20.0, 0.0], [0.0; 3]);
+        let still = |value: f64| vec![value; rows];
+        let yaw_deg = 20.0_f64.atan2(60.0).to_degrees();
+        [
+            each(&|t| t),
+            each(&|t| 0.7_f64.to_degrees() + 60.0 * t / 111_000.0),
+            each(&|t| 20.0 * t / 85_000.0),
+            still(500.0),
+            still(60.0),
+            still(20.0),
+            still(0.0),
+            still(force[0]),
+            still(force[1]),
+            still(force[2]),
+            still(0.0),
+            still(0.0),
+            still(yaw_deg),
+        ]
+    }
+
+    fn series(columns: &[Vec<f64>; 13]) -> InsSeries<'_> {
+        InsSeries::of(columns.each_ref().map(Vec::as_slice))
+    }
+
+    #[test]
+    fn law_errors_since_the_alignment_scatter_as_their_covariance() {
+        let columns = flight(433);
+        let model = InsGrade::Navigation.model();
+        let mut normals = Normals::new(5);
+        let runs = 400;
+        let mut sums = [0.0; STATES];
+        for _ in 0..runs {
+            let errors = simulate_ins_error(&series(&columns), &model, || normals.draw()).unwrap();
+            sums.iter_mut().zip(errors[432]).for_each(|(sum, error)| *sum += error * error);
+        }
+        // The line begins 432 s after the alignment.
+        let rest = columns.each_ref().map(|column| &column[432..]);
+        let p = aligned_covariance(&model, &InsSeries::of(rest), 432.0);
+        for state in [LAT, LON, VN, VN + 1, TILT_N, TILT_N + 1] {
+            // 400 draws: a variance to 7 % (one sigma).
+            let ratio = sums[state] / f64::from(runs) / p[state][state];
+            assert!((0.75..1.3).contains(&ratio), "{state}: {ratio}");
+        }
+        // At the alignment itself nothing was flown.
+        let at = aligned_covariance(&model, &series(&columns), 0.0);
+        assert_eq!(at, model.initial_covariance(columns[1][0].to_radians(), 500.0));
+    }
+
+    #[test]
+    fn law_an_error_of_the_first_sample_is_taken_off_the_whole_line() {
+        let columns = flight(900);
+        let sources = InsErrors {
+            init_position_sigma_m: 300.0,
+            init_velocity_sigma_mps: 0.5,
+            init_attitude_sigma_deg: 0.0,
+            acc_sigma_mps2: 0.0,
+            gyro_sigma_radps: 0.0,
+            vrw_sigma: 0.0,
+            arw_sigma: 0.0,
+            baro_sigma_m: 0.0,
+            a_hat_sigma_mps2: 0.0,
+            ..InsErrors::default()
+        };
+        let model = InsErrorModel::of(sources);
+        let mut normals = Normals::new(9);
+        let errors = simulate_ins_error(&series(&columns), &model, || normals.draw()).unwrap();
+        let mut ins = columns.clone();
+        let sign = -1.0;
+        for (row, error) in errors.iter().enumerate() {
+            ins[1][row] += sign * error[LAT].to_degrees();
+            ins[2][row] += sign * error[LON].to_degrees();
+            for axis in 0..3 {
+                ins[4 + axis][row] += sign * error[VN + axis];
+            }
+        }
+        let fix = Fix {
+            lat_lon_deg: [columns[1][0], columns[2][0]],
+            alt_m: 500.0,
+            vel_ned_mps: Some([60.0, 20.0, 0.0]),
+            sigmas: FixSigmas { horizontal_m: 3.0, vertical_m: 5.0, velocity_mps: 0.1 },
+        };
+        let corrections = correction_along(&model, &series(&ins), fix.error(&series(&ins)));
+        for row in [0, 450, 899] {
+            let off_m = |column: usize, of: usize| {
+                (ins[column][row] + corrections[of][row] - columns[column][row]).abs() * 111_000.0
+            };
+            // Of errors of up to 1 km the linear model is right to some centimetres.
+            assert!(off_m(1, 0) < 0.5 && off_m(2, 1) < 0.5, "{row}: {} {}", off_m(1, 0), off_m(2, 1));
+        }
+        let p = fix.covariance(&model);
+        assert!((p[VN][VN].sqrt() - 0.1).abs() < 1e-12 && (p[LAT][LAT].sqrt() * 6.37e6 - 3.0).abs() < 0.1);
+    }
+}

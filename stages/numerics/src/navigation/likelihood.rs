@@ -1,0 +1,325 @@
+//! Noise of a line's measurements by the likelihood of the innovations.
+//!
+//! An extended Kalman filter with the right noise has white innovations of the predicted variance, and no other noise makes
+//! the measurements more likely [Schweppe 1965; Harvey 1989, section 3.4]:
+//!
+//! ln L = -1/2 sum of (ln S_k + r_k² / S_k),
+//!
+//! with the innovation r_k and its predicted variance S_k. Nothing but the measurements is needed, no truth.
+//!
+//! The white noise, and standard deviation and time constant of the first-order Gauss-Markov process, are searched on a coarse
+//! grid and then along shrinking steps around its best point, in logarithms. A constant offset of the measurement is a
+//! Gauss-Markov process of a long time constant. The measurements are thinned, so that errors that last for less than the
+//! interval count as white. An innovation beyond the gate counts as one at the gate, so that spikes do not decide.
+
+mod outliers;
+mod thinned;
+mod whiteness;
+
+use crate::navigation::ekf::{EkfParameters, EkfPoint, run_together};
+use crate::navigation::ins_error::InsErrorModel;
+use crate::navigation::line::NavigationLine;
+use crate::navigation::output::{NavigationError, NavigationOutput};
+
+pub use outliers::{GATE_NIS, outliers};
+use thinned::Thinned;
+pub use thinned::rows_at;
+use whiteness::correlation_factor;
+
+/// The noise of a line.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LineNoise {
+    /// White noise of each thinned measurement, in nT, increased for the correlation of the innovations.
+    pub sigma_nt: Estimated,
+    /// Standard deviation of the Gauss-Markov process, in nT.
+    pub fogm_sigma_nt: Estimated,
+    /// Its time constant, in s.
+    pub fogm_tau_s: Estimated,
+    /// Factor on the variance of the map's own error at each sample; 0 where the map has none, or none is seen.
+    pub map_factor: f64,
+    /// Factor by which `sigma_nt` was increased; 1 for white innovations.
+    pub inflation: f64,
+}
+
+/// An estimated parameter with its 95 % interval, which is the parameter itself where it was given.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Estimated {
+    /// The estimate.
+    pub value: f64,
+    /// The interval's lower end.
+    pub low: f64,
+    /// The interval's upper end.
+    pub high: f64,
+}
+
+/// A line whose noise is searched.
+#[derive(Clone, Copy, Debug)]
+pub struct Search<'a> {
+    /// The line; its `sigma_nt` and the noise in its `errors` are ignored.
+    pub line: &'a NavigationLine<'a>,
+    /// Rows whose measurements are used, ascending.
+    pub rows: &'a [usize],
+    /// Factor from the white noise to that of each sample of the line, such as the root of a mean of several sensors.
+    pub scale: &'a [f64],
+    /// Known standard deviation of each sample, in addition, in nT.
+    pub known_nt: Option<&'a [f64]>,
+    /// Standard deviation of the map's own error at each sample, in nT.
+    pub map_nt: Option<&'a [f64]>,
+    /// White noise, in nT, standard deviation of the process, in nT, and its time constant, in s, where they are given.
+    pub given: [Option<f64>; 3],
+}
+
+/// Range of each parameter.
+const RANGES: [[f64; 2]; 3] = [[0.5, 300.0], [0.1, 3000.0], [10.0, 3e5]];
+/// Coarse grid of each parameter.
+const GRID: [&[f64]; 3] = [
+    &[0.5, 1.0, 3.0, 10.0, 30.0],
+    &[1.0, 4.0, 16.0, 64.0, 256.0, 1000.0],
+    &[30.0, 150.0, 800.0, 4000.0, 20_000.0, 100_000.0],
+];
+/// Factors on the map's own variance.
+const MAP_FACTORS: [f64; 4] = [0.25, 1.0, 4.0, 16.0];
+/// A weak prior keeps short lines from the ends of the ranges: centres, and standard deviations of the logarithms.
+const PRIOR: [(f64, f64); 3] = [(3.0, 2.0), (5.0, 2.5), (600.0, 2.5)];
+/// First and last step of the search around the best point, as factors.
+const STEPS: [f64; 2] = [2.0, 1.12];
+/// Points of the grid that are refined.
+const STARTS: usize = 3;
+/// Filters that run at once, which bounds the memory.
+const TOGETHER: usize = 64;
+/// Least share of the used measurements of a point, of the most that any point uses: a filter that left the map predicts few.
+const LEAST_USED: f64 = 0.98;
+/// Fewest measurements that are searched.
+pub const FEWEST: usize = 60;
+/// Normal deviate of a 95 % interval.
+const TWO_SIDED_95: f64 = 1.96;
+
+type Point = [f64; 3];
+
+/// The noise of a line by the largest likelihood; `None` where fewer than [`FEWEST`] measurements can be used.
+///
+/// # Errors
+/// Fails as [`NavigationLine::check`].
+pub fn search(search: &Search<'_>) -> Result<Option<LineNoise>, NavigationError> {
+    search.line.check()?;
+    let thinned = Thinned::of(search.line, search.rows);
+    let mut likelihood = Likelihood { search, thinned: &thinned, map_factor: 0.0 };
+    let grid = search.grid();
+    let scored = likelihood.scores(&grid);
+    let most_used = scored.iter().map(|score| score.used).max().unwrap_or(0);
+    if most_used < FEWEST {
+        return Ok(None);
+    }
+    let least_used = (LEAST_USED * most_used as f64) as usize;
+    let mut order: Vec<usize> = (0..grid.len()).collect();
+    order.sort_by(|a, b| scored[*b].of(least_used).total_cmp(&scored[*a].of(least_used)));
+    let mut best = likelihood.best_of(order.iter().take(STARTS).map(|at| grid[*at]), least_used);
+    if search.map_nt.is_some() {
+        for map_factor in MAP_FACTORS {
+            let other = Likelihood { map_factor, ..likelihood };
+            let found = other.best_of([best.0].into_iter(), least_used);
+            if found.1 > best.1 {
+                (best, likelihood) = (found, other);
+            }
+        }
+    }
+    let output = likelihood.outputs(&[best.0]).pop().and_then(Result::ok).unwrap_or_default();
+    let factor = if search.given[0].is_some() { 1.0 } else { correlation_factor(&output) };
+    let inflation = factor.sqrt();
+    let [sigma, fogm_sigma, fogm_tau] = likelihood.intervals(best, least_used);
+    let inflated = |part: f64| inflation * part;
+    let sigma_nt = Estimated { value: inflated(sigma.value), low: inflated(sigma.low), high: inflated(sigma.high) };
+    let map_factor = likelihood.map_factor;
+    Ok(Some(LineNoise { sigma_nt, fogm_sigma_nt: fogm_sigma, fogm_tau_s: fogm_tau, map_factor, inflation }))
+}
+
+impl Search<'_> {
+    /// The coarse grid, whose given parameters have one value.
+    fn grid(&self) -> Vec<Point> {
+        let own = self.given.map(|given| given.map(|value| vec![value]));
+        let axes: Vec<&[f64]> = own.iter().zip(GRID).map(|(own, grid)| own.as_deref().unwrap_or(grid)).collect();
+        let mut points = vec![];
+        for sigma in axes[0] {
+            for fogm in axes[1] {
+                points.extend(axes[2].iter().map(|tau| [*sigma, *fogm, *tau]));
+            }
+        }
+        points
+    }
+
+    /// The parameters that are searched.
+    fn free(&self) -> Vec<usize> {
+        (0..3).filter(|at| self.given[*at].is_none()).collect()
+    }
+}
+
+/// The likelihood of a line's innovations as a function of the noise.
+#[derive(Clone, Copy)]
+struct Likelihood<'a> {
+    search: &'a Search<'a>,
+    thinned: &'a Thinned,
+    map_factor: f64,
+}
+
+/// Logarithm of the likelihood, with the prior, and the number of measurements that had a prediction.
+#[derive(Clone, Copy, Debug)]
+struct Score {
+    log: f64,
+    used: usize,
+}
+
+impl Score {
+    /// The logarithm; -infinity for fewer measurements.
+    fn of(&self, least_used: usize) -> f64 {
+        if self.used >= least_used && self.log.is_finite() { self.log } else { f64::NEG_INFINITY }
+    }
+}
+
+impl Likelihood<'_> {
+    /// What filters of these parameters return.
+    fn outputs(&self, points: &[Point]) -> Vec<Result<NavigationOutput, NavigationError>> {
+        let Search { line, scale, known_nt, map_nt, .. } = *self.search;
+        let ins = self.thinned.ins();
+        let mut outputs = vec![];
+        for some in points.chunks(TOGETHER) {
+            let parameters: Vec<EkfParameters> =
+                some.iter().map(|point| parameters(&line.errors, line.offset_window_s, *point)).collect();
+            let sigma_nt: Vec<Vec<f64>> = some
+                .iter()
+                .map(|[sigma_nt, ..]| {
+                    let of = |row: &usize| {
+                        let known = known_nt.map_or(0.0, |known| known[*row]);
+                        let map = map_nt.map_or(0.0, |map| self.map_factor.sqrt() * map[*row]);
+                        (sigma_nt * scale[*row]).hypot(known).hypot(if map.is_finite() { map } else { 0.0 })
+                    };
+                    self.search.rows.iter().map(of).collect()
+                })
+                .collect();
+            let filters: Vec<EkfPoint> = parameters
+                .iter()
+                .zip(&sigma_nt)
+                .map(|(parameters, sigma_nt)| EkfPoint {
+                    parameters,
+                    measurement_nt: &self.thinned.measurement_nt,
+                    sigma_nt: Some(sigma_nt),
+                    fixes: self.thinned.fixes.as_ref(),
+                    map: line.map,
+                    core: line.core,
+                })
+                .collect();
+            outputs.extend(run_together(&ins, &filters));
+        }
+        outputs
+    }
+
+    fn scores(&self, points: &[Point]) -> Vec<Score> {
+        let outputs = self.outputs(points);
+        points.iter().zip(&outputs).map(|(point, output)| self.score(point, output)).collect()
+    }
+
+    fn score(&self, point: &Point, output: &Result<NavigationOutput, NavigationError>) -> Score {
+        let Ok(output) = output else { return Score { log: f64::NEG_INFINITY, used: 0 } };
+        let mut sum = 0.0;
+        for (residual_nt, nis) in output.residual_nt.iter().zip(&output.nis) {
+            if *nis > 0.0 && nis.is_finite() {
+                sum += (residual_nt * residual_nt / nis).ln() + nis.min(GATE_NIS);
+            }
+        }
+        for (at, (centre, sd)) in PRIOR.iter().enumerate() {
+            if self.search.given[at].is_none() {
+                sum += ((point[at] / centre).ln() / sd).powi(2);
+            }
+        }
+        Score { log: -0.5 * sum, used: output.report.updates + output.report.gated }
+    }
+
+    /// The best point around some, and its likelihood.
+    fn best_of(&self, starts: impl Iterator<Item = Point>, least_used: usize) -> (Point, f64) {
+        let climbed = starts.map(|start| self.climbed(start, least_used));
+        climbed.fold(
+            ([f64::NAN; 3], f64::NEG_INFINITY),
+            |best, one| {
+                if one.1 > best.1 || best.0[0].is_nan() { one } else { best }
+            },
+        )
+    }
+
+    /// The best point by steps from a point to its best neighbour, which shrink where there is no better one.
+    fn climbed(&self, start: Point, least_used: usize) -> (Point, f64) {
+        let mut now = start;
+        let mut best = self.scores(&[now])[0].of(least_used);
+        let mut factor = STEPS[0];
+        while factor > STEPS[1] {
+            let around = self.around(now, factor);
+            let scores = self.scores(&around);
+            let found = around.iter().zip(&scores).map(|(point, score)| (*point, score.of(least_used)));
+            let (point, log) = found.fold((now, best), |best, one| if one.1 > best.1 { one } else { best });
+            // A gain below this is none: steps would only creep.
+            if log > best + 0.05 {
+                (now, best) = (point, log);
+            } else {
+                factor = factor.sqrt();
+            }
+        }
+        (now, best)
+    }
+
+    /// Neighbours of a point: each free parameter one step down, as it is, or one step up.
+    fn around(&self, point: Point, factor: f64) -> Vec<Point> {
+        let mut points = vec![point];
+        for at in self.search.free() {
+            // The time constant matters least, and has wider steps.
+            let factor = if at == 2 { factor * factor } else { factor };
+            let [low, high] = RANGES[at];
+            let moved = points.iter().flat_map(|point| {
+                [1.0 / factor, factor].map(|by| {
+                    let mut moved = *point;
+                    moved[at] = (moved[at] * by).clamp(low, high);
+                    moved
+                })
+            });
+            let moved: Vec<Point> = moved.collect();
+            points.extend(moved);
+        }
+        points.retain(|other| *other != point);
+        points
+    }
+
+    /// The parameters with their 95 % intervals, from the curvature of the likelihood along each.
+    fn intervals(&self, (point, best): (Point, f64), least_used: usize) -> [Estimated; 3] {
+        const FACTOR: f64 = 1.4;
+        let mut estimates = point.map(|value| Estimated { value, low: value, high: value });
+        for at in self.search.free() {
+            let [low, high] = RANGES[at];
+            let ends = [1.0 / FACTOR, FACTOR].map(|by| {
+                let mut moved = point;
+                moved[at] *= by;
+                moved
+            });
+            let fall: f64 = self.scores(&ends).iter().map(|score| (best - score.of(least_used)).max(0.0)).sum();
+            let sd = if fall.is_finite() { FACTOR.ln() / fall.max(1e-6).sqrt() } else { FACTOR.ln() };
+            let by = (TWO_SIDED_95 * sd).exp();
+            estimates[at].low = (point[at] / by).max(low);
+            estimates[at].high = (point[at] * by).min(high);
+        }
+        estimates
+    }
+}
+
+fn parameters(
+    errors: &InsErrorModel,
+    offset_window_s: f64,
+    [sigma_nt, fogm_sigma_nt, fogm_tau_s]: Point,
+) -> EkfParameters {
+    EkfParameters {
+        errors: InsErrorModel { fogm_sigma_nt, fogm_tau_s, ..*errors },
+        measurement_sigma_nt: sigma_nt,
+        offset_window_s,
+        gate_nis: Some(GATE_NIS),
+        keep_states: false,
+        keep_covariance: false,
+    }
+}
+
+#[cfg(test)]
+mod tests;

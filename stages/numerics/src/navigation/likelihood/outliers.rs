@@ -1,0 +1,74 @@
+//! Measurements that an extended Kalman filter of the scalar field rejects.
+
+use pulp::{Simd, WithSimd};
+
+use crate::navigation::estimate::{Estimate, Recursion};
+use crate::navigation::field::PredictedField;
+use crate::navigation::line::NavigationLine;
+use crate::navigation::output::{Innovation, NavigationError, NavigationOutput};
+use crate::navigation::sensitivity::Sensitivity;
+
+/// Squared innovation over its variance above which a measurement is rejected: one healthy measurement in 100,000.
+pub const GATE_NIS: f64 = 19.5;
+
+/// So many rejected measurements in a row mean that the prediction is wrong, and not the measurements.
+const RECOVERED_AFTER: usize = 20;
+
+/// Whether each measurement of a line is an outlier: its squared innovation over its variance is above [`GATE_NIS`], in an
+/// extended Kalman filter that does not use it. After 20 in a row the next one is used, whatever its innovation.
+///
+/// # Errors
+/// Fails as [`NavigationLine::check`], and with [`NavigationError::Diverged`] when states or variances are no longer finite.
+pub fn outliers(line: &NavigationLine<'_>) -> Result<Vec<bool>, NavigationError> {
+    line.check()?;
+    let mut field = line.predicted();
+    let (offset_nt, _) = field.offset(line.ins, line.measurement_nt, line.offset_window_s);
+    let rejected = Vec::with_capacity(line.ins.len());
+    let output = NavigationOutput::with_capacity(line.ins.len(), false, false);
+    pulp::Arch::new().dispatch(Filter { line, field, offset_nt, rejected, in_a_row: 0, output })
+}
+
+struct Filter<'a> {
+    line: &'a NavigationLine<'a>,
+    field: PredictedField<'a>,
+    offset_nt: f64,
+    rejected: Vec<bool>,
+    in_a_row: usize,
+    output: NavigationOutput,
+}
+
+impl WithSimd for Filter<'_> {
+    type Output = Result<Vec<bool>, NavigationError>;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(mut self, _: S) -> Self::Output {
+        let line = self.line;
+        self.along(line.ins, &line.errors, |row| line.fixes_at(row))?;
+        Ok(self.rejected)
+    }
+}
+
+impl Recursion for Filter<'_> {
+    fn output(&mut self) -> &mut NavigationOutput {
+        &mut self.output
+    }
+
+    #[inline(always)]
+    fn measure(&mut self, estimate: &mut Estimate, row: usize) -> Innovation {
+        self.rejected.push(false);
+        let Some((value_nt, variance_nt2)) = self.line.measured(row, self.offset_nt) else { return Innovation::NONE };
+        let [lat, lon, alt, temporal_nt] = estimate.measured();
+        let Some(field) = self.field.at_error(self.line.ins, row, [lat, lon, alt]) else { return Innovation::NONE };
+        let residual_nt = value_nt - (field.value_nt + temporal_nt);
+        let at = estimate.linearised(Sensitivity::of(&field));
+        let nis = residual_nt * residual_nt / (at.variance + variance_nt2);
+        if nis > GATE_NIS && self.in_a_row < RECOVERED_AFTER {
+            self.in_a_row += 1;
+            self.rejected[row] = true;
+            return Innovation::NONE;
+        }
+        self.in_a_row = 0;
+        estimate.correct(&at, residual_nt, variance_nt2);
+        Innovation::NONE
+    }
+}

@@ -1,0 +1,152 @@
+//! The map of a navigation as it is looked up: at its own height, at given heights, or at the heights of each line.
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use arrow_array::RecordBatch;
+use numerics::maps::{map_stack::FieldMap, map_surface::Interpolation};
+use schemas::Fault;
+
+use super::{Calibration, Navigate};
+use crate::{columns::floats, map_errors::MapErrors, maps::field_map};
+
+/// The map, and the models.
+pub struct Prepared {
+    pub(super) map: Option<PreparedMaps>,
+    pub(super) models: Vec<Calibration>,
+}
+
+/// A map at the heights that lines need, each made once.
+pub(super) struct PreparedMaps {
+    table: RecordBatch,
+    interpolation: Interpolation,
+    /// The levels of `map_levels_m`.
+    levels_m: Option<Vec<f64>>,
+    has_own_error: bool,
+    ladder: Option<Ladder>,
+    made: Mutex<Vec<(Option<Vec<f64>>, Arc<PreparedMap>)>>,
+}
+
+/// A map with its errors.
+pub(super) struct PreparedMap {
+    pub(super) field: FieldMap,
+    pub(super) errors: MapErrors,
+}
+
+/// Heights to which a map is continued where a line needs them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Ladder {
+    /// The map's own height, in m above the ellipsoid.
+    own_m: f64,
+    /// Length of a cell of the map, in m.
+    cell_m: f64,
+}
+
+/// A height within this part of a cell of the map's own is the map's own.
+const SAME_HEIGHT: f64 = 0.05;
+/// Distance of two levels, in cells.
+const SPACING: f64 = 0.25;
+/// Most cells that a map is continued downward, which multiplies the shortest wave that the map can have by e^(pi x cells).
+const DOWNWARD: f64 = 1.0;
+/// Most levels of a line.
+const MOST_LEVELS: f64 = 24.0;
+
+impl Ladder {
+    /// The levels for a line between two heights, in m: none where the map's own height will do, one for a level flight.
+    fn levels_m(&self, low_m: f64, high_m: f64) -> Option<Vec<f64>> {
+        let Self { own_m, cell_m } = *self;
+        let near = SAME_HEIGHT * cell_m;
+        let within = (own_m - low_m).abs() <= near && (high_m - own_m).abs() <= near;
+        if within || low_m < own_m - DOWNWARD * cell_m || !(low_m.is_finite() && high_m.is_finite()) {
+            return None;
+        }
+        if high_m - low_m <= 2.0 * near {
+            // Lines of one height share a level.
+            return Some(vec![own_m + ((0.5 * (low_m + high_m) - own_m) / near).round() * near]);
+        }
+        let spacing_m = (SPACING * cell_m).max((high_m - low_m) / (MOST_LEVELS - 2.0));
+        let (from, to) = (((low_m - own_m) / spacing_m).floor(), ((high_m - own_m) / spacing_m).ceil());
+        Some((0..=(to - from) as usize).map(|k| own_m + spacing_m * (from + k as f64)).collect())
+    }
+}
+
+impl PreparedMaps {
+    /// The map of a table for a navigation.
+    ///
+    /// # Errors
+    /// Fails as [`field_map`] and [`MapErrors::of`].
+    pub(super) fn of(table: &RecordBatch, stage: &Navigate) -> Result<Self, Fault> {
+        let has_own_error = stage.takes_map_error(table);
+        let mut maps = Self {
+            table: table.clone(),
+            interpolation: stage.map_interpolation,
+            levels_m: stage.map_levels_m.clone(),
+            has_own_error,
+            ladder: None,
+            made: Mutex::default(),
+        };
+        let own = maps.at(None)?;
+        let own_m = level_m(floats(table, "alt")?);
+        maps.ladder = own_m
+            .filter(|_| stage.map_levels_m.is_none() && stage.is_auto())
+            .map(|own_m| Ladder { own_m, cell_m: own.errors.cell_m() });
+        Ok(maps)
+    }
+
+    /// The map for a line at these heights, in m above the ellipsoid.
+    ///
+    /// # Errors
+    /// Fails as [`field_map`].
+    pub(super) fn for_heights(&self, alt_m: &[f64]) -> Result<Arc<PreparedMap>, Fault> {
+        let finite = || alt_m.iter().copied().filter(|alt| alt.is_finite());
+        let (low_m, high_m) = (finite().fold(f64::INFINITY, f64::min), finite().fold(f64::NEG_INFINITY, f64::max));
+        self.at(self.ladder.and_then(|ladder| ladder.levels_m(low_m, high_m)))
+    }
+
+    fn at(&self, levels_m: Option<Vec<f64>>) -> Result<Arc<PreparedMap>, Fault> {
+        let mut made = self.made.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((_, map)) = made.iter().find(|(of, _)| *of == levels_m) {
+            return Ok(map.clone());
+        }
+        let levels = levels_m.as_ref().or(self.levels_m.as_ref());
+        let field = field_map(&self.table, self.interpolation, levels.map(Vec::as_slice))?;
+        let bilinear = self.interpolation == Interpolation::Linear;
+        let errors = MapErrors::of(&self.table, levels.map(Vec::as_slice), bilinear, self.has_own_error)?;
+        let map = Arc::new(PreparedMap { field, errors });
+        made.push((levels_m, map.clone()));
+        Ok(map)
+    }
+}
+
+/// The one height of a map; `None` for a draped map, and where the height is unknown.
+fn level_m(alt_m: &[f64]) -> Option<f64> {
+    let first = alt_m.first().copied().filter(|alt| alt.is_finite())?;
+    alt_m.iter().all(|alt| *alt == first).then_some(first)
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    const MAP: Ladder = Ladder { own_m: 500.0, cell_m: 100.0 };
+
+    #[test]
+    fn unit_a_line_has_the_levels_around_its_heights() {
+        assert_eq!(MAP.levels_m(497.0, 504.0), None);
+        assert_eq!(MAP.levels_m(899.0, 903.0), Some(vec![900.0]));
+        let levels = MAP.levels_m(590.0, 701.0).unwrap();
+        assert!(levels[0] <= 590.0 && *levels.last().unwrap() >= 701.0, "{levels:?}");
+        assert!(levels.windows(2).all(|pair| (pair[1] - pair[0] - 25.0).abs() < 1e-9), "{levels:?}");
+        assert!(MAP.levels_m(600.0, 6000.0).unwrap().len() <= 25);
+        // Downward by more than a cell would be noise.
+        assert_eq!(MAP.levels_m(390.0, 420.0), None);
+        assert!(MAP.levels_m(420.0, 440.0).is_some());
+        assert_eq!(MAP.levels_m(f64::INFINITY, f64::NEG_INFINITY), None);
+    }
+
+    #[test]
+    fn unit_a_draped_map_has_no_level() {
+        assert_eq!(level_m(&[300.0, 300.0]), Some(300.0));
+        assert_eq!((level_m(&[300.0, 301.0]), level_m(&[f64::NAN, f64::NAN])), (None, None));
+    }
+}

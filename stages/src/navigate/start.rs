@@ -1,0 +1,227 @@
+//! What a filter knows of the INS at the first sample of a line.
+
+use arrow_array::RecordBatch;
+use numerics::{
+    navigation::{
+        ins_error::{Fix, FixSigmas, InsErrorModel, aligned_covariance},
+        ins_series::InsSeries,
+        pinson::StateMatrix,
+    },
+    random::Normals,
+};
+use schemas::{Fault, Role, Rule, Shape, choice, params};
+
+use super::Navigate;
+use crate::columns::{faults_of, floats, role_of};
+
+choice! {
+    /// Where a filter starts from.
+    pub enum StartFrom {
+        /// `given` where an initial position, height or velocity is; else the alignment where the flight has the column
+        /// `ins_aligned`; else a fix where it has the columns of `fix`. A flight without any of these is refused.
+        Auto = "auto",
+        /// A position and velocity fix corrects the INS at the first sample of the line.
+        Fix = "fix",
+        /// The initial standard deviations hold at the alignment, whose time is in the column `ins_aligned`. Their covariance is
+        /// propagated to the first sample of the line as in straight level flight.
+        Alignment = "alignment",
+        /// The initial standard deviations hold at the first sample of the line.
+        Given = "given",
+    }
+}
+
+params! {
+    /// What a filter knows of the INS at the first sample of a line.
+    pub struct Start;
+    /// Where a filter starts from. An INS drifts from its alignment on, so that the same `init_*` keys mean little minutes later.
+    start: StartFrom, unit "", default StartFrom::Auto;
+    /// Latitude, longitude and height of the fix. The first values within two seconds of the line's start are taken; columns of the
+    /// role truth get white noise of the fix's standard deviations, always the same for a line.
+    fix: [String; 3], unit "", default ["lat", "lon", "alt"].map(str::to_owned);
+    /// Velocity north, east and down of the fix.
+    fix_velocity: Option<[String; 3]>, unit "m/s", absent "`vn`, `ve` and `vd` where the flight has them, else the velocity of the INS";
+    /// Standard deviation of the fix's position, north and east each.
+    fix_sigma_m: f64, unit "m", default 3.0, rule Rule::Positive;
+    /// Standard deviation of the fix's height.
+    fix_alt_sigma_m: f64, unit "m", default 5.0, rule Rule::Positive;
+    /// Standard deviation of the fix's velocity, each component.
+    fix_velocity_sigma_mps: f64, unit "m/s", default 0.1, rule Rule::Positive;
+}
+
+/// The column with the time of the INS's last alignment.
+pub(super) const ALIGNED: &str = "ins_aligned";
+const VELOCITY: [&str; 3] = ["vn", "ve", "vd"];
+/// Longest time from the start of a line to its fix, in s.
+const FIX_WITHIN_S: f64 = 2.0;
+/// Longest time from an alignment to a line, in s.
+const LONGEST_AGE_S: f64 = 2.0 * 86_400.0;
+
+/// Where the filter of a line starts from.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Begin {
+    /// With the initial standard deviations.
+    Given,
+    /// So many seconds after the alignment.
+    Aligned {
+        /// Time since the alignment, in s.
+        age_s: f64,
+    },
+    /// With a fix, at a row.
+    Fixed {
+        /// The fix.
+        fix: Fix,
+        /// Its row.
+        row: usize,
+    },
+}
+
+impl Navigate {
+    /// Where filters start from on flights of this shape.
+    pub(super) fn start_from(&self, shape: &Shape) -> Result<StartFrom, Fault> {
+        let chosen = match self.start.start {
+            StartFrom::Auto if !self.is_auto() || self.ins.start_given => StartFrom::Given,
+            StartFrom::Auto if shape.number(ALIGNED, "s").is_ok() => StartFrom::Alignment,
+            StartFrom::Auto if self.start.fix.iter().all(|column| shape.get(column).is_some()) => StartFrom::Fix,
+            StartFrom::Auto => {
+                let what = "nothing says how good the INS is at the start of a line";
+                let help = "give `start = \"fix\"` with the columns of a position in `fix`, a column `ins_aligned` with the time \
+                            of the last alignment (seconds past midnight, by `derive`), or `start = \"given\"` with \
+                            `init_position_sigma_m` and `init_velocity_sigma_mps`";
+                return Err(Fault::new(what).help(help).of_param("start"));
+            }
+            given => given,
+        };
+        match chosen {
+            StartFrom::Alignment => {
+                let help = "append the time of the last alignment, seconds past midnight, by `derive`";
+                shape.number(ALIGNED, "s").map_err(|fault| fault.of_param("start").help(help))?;
+            }
+            StartFrom::Given if self.ins.sources.init_position_sigma_m == 0.0 => {
+                let what = "`init_position_sigma_m` is 0: only at its alignment can an INS know its position exactly";
+                let help = "give `start = \"alignment\"` with the column `ins_aligned`, or `init_position_sigma_m`";
+                return Err(Fault::new(what).help(help).of_param("init_position_sigma_m"));
+            }
+            _ => {}
+        }
+        Ok(chosen)
+    }
+
+    /// Faults of the columns of the start.
+    pub(super) fn start_faults(&self, shape: &Shape) -> Vec<Fault> {
+        match self.start_from(shape) {
+            Err(fault) => vec![fault],
+            Ok(StartFrom::Fix) => {
+                let position =
+                    self.start.fix.iter().zip(["deg", "deg", "m"]).map(|(name, unit)| shape.number(name, unit));
+                let mut faults = faults_of(position, "fix");
+                if let Some(velocity) = &self.start.fix_velocity {
+                    faults.extend(faults_of(velocity.iter().map(|name| shape.number(name, "m/s")), "fix_velocity"));
+                }
+                faults
+            }
+            Ok(_) => vec![],
+        }
+    }
+
+    /// The columns of the fix's velocity.
+    fn velocity_columns(&self, shape: &Shape) -> Option<[String; 3]> {
+        let usual = VELOCITY.iter().all(|name| shape.get(name).is_some()).then(|| VELOCITY.map(str::to_owned));
+        self.start.fix_velocity.clone().or(usual)
+    }
+
+    /// The columns that the start reads.
+    pub(super) fn start_reads(&self, shape: &Shape) -> Vec<String> {
+        match self.start_from(shape) {
+            Ok(StartFrom::Alignment) => vec![ALIGNED.to_owned()],
+            Ok(StartFrom::Fix) => {
+                self.start.fix.iter().cloned().chain(self.velocity_columns(shape).into_iter().flatten()).collect()
+            }
+            Ok(_) | Err(_) => vec![],
+        }
+    }
+
+    /// The note on the start that was chosen.
+    pub(super) fn start_note(&self, shape: &Shape) -> Option<String> {
+        if self.start.start != StartFrom::Auto || !self.is_auto() {
+            return None;
+        }
+        let fix = || self.start.fix.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ");
+        match self.start_from(shape).ok()? {
+            StartFrom::Alignment => Some(format!("filters start from the alignment at `{ALIGNED}`")),
+            StartFrom::Fix => Some(format!("filters start from a fix ({}) at the first sample of each line", fix())),
+            StartFrom::Given => {
+                Some("filters start with the `init_*` keys at the first sample of each line".to_owned())
+            }
+            StartFrom::Auto => None,
+        }
+    }
+
+    /// Where the filter of a line starts from.
+    pub(super) fn begin(&self, batch: &RecordBatch) -> Result<Begin, Fault> {
+        let shape = Shape::of(&batch.schema());
+        let tt_s = floats(batch, "tt")?;
+        let first_s = tt_s.first().copied().unwrap_or_default();
+        match self.start_from(&shape)? {
+            StartFrom::Alignment => {
+                let aligned = floats(batch, ALIGNED)?.first().copied().unwrap_or(f64::NAN);
+                let age_s = first_s - aligned;
+                // Half a millisecond takes up the rounding of time stamps.
+                if !(-5e-4..=LONGEST_AGE_S).contains(&age_s) {
+                    let what = format!("the INS was aligned at {aligned} s, and the line begins at {first_s} s");
+                    let help = "both are seconds past midnight UTC of the day that the flight begins";
+                    return Err(Fault::data(what).in_column(ALIGNED).help(help));
+                }
+                Ok(Begin::Aligned { age_s: age_s.max(0.0) })
+            }
+            StartFrom::Fix => self.fixed(batch, &shape, tt_s),
+            StartFrom::Auto | StartFrom::Given => Ok(Begin::Given),
+        }
+    }
+
+    fn fixed(&self, batch: &RecordBatch, shape: &Shape, tt_s: &[f64]) -> Result<Begin, Fault> {
+        let Start { fix, fix_sigma_m, fix_alt_sigma_m, fix_velocity_sigma_mps, .. } = &self.start;
+        let sigmas = FixSigmas {
+            horizontal_m: *fix_sigma_m,
+            vertical_m: *fix_alt_sigma_m,
+            velocity_mps: *fix_velocity_sigma_mps,
+        };
+        let velocity = self.velocity_columns(shape);
+        let mut columns = vec![];
+        for name in fix.iter().chain(velocity.iter().flatten()) {
+            columns.push(floats(batch, name)?);
+        }
+        let first_s = tt_s.first().copied().unwrap_or_default();
+        let there = |row: &usize| columns.iter().all(|column| column[*row].is_finite());
+        let within = |row: &usize| tt_s[*row] - first_s <= FIX_WITHIN_S;
+        let Some(row) = (0..tt_s.len()).take_while(within).find(there) else {
+            let what = format!("no row within {FIX_WITHIN_S} s of the line's start has a position to start from");
+            let help = "name other columns in `fix`, or give another `start`";
+            return Err(Fault::data(what).in_column(&fix[0]).help(help));
+        };
+        let mut values: Vec<f64> = columns.iter().map(|column| column[row]).collect();
+        let names: Vec<&String> = fix.iter().chain(velocity.iter().flatten()).collect();
+        if role_of(shape, &names) == Role::Truth {
+            let mut normals = Normals::new(values[0].to_bits() ^ first_s.to_bits());
+            let (north_m, east_m) =
+                InsErrorModel::default().earth.north_east_m_per_rad(values[0].to_radians(), values[2]);
+            let of_degrees = |m_per_rad: f64| (sigmas.horizontal_m / m_per_rad).to_degrees();
+            let speeds = [sigmas.velocity_mps; 3];
+            let sigmas = [of_degrees(north_m), of_degrees(east_m), sigmas.vertical_m].into_iter().chain(speeds);
+            values.iter_mut().zip(sigmas).for_each(|(value, sigma)| *value += sigma * normals.draw());
+        }
+        let vel_ned_mps = velocity.is_some().then(|| [values[3], values[4], values[5]]);
+        let fix = Fix { lat_lon_deg: [values[0], values[1]], alt_m: values[2], vel_ned_mps, sigmas };
+        Ok(Begin::Fixed { fix, row })
+    }
+}
+
+impl Begin {
+    /// The covariance of the states at the first sample; `None` where it is that of the initial standard deviations.
+    pub(super) fn covariance(&self, errors: &InsErrorModel, ins: &InsSeries<'_>) -> Option<StateMatrix> {
+        match self {
+            Begin::Given => None,
+            Begin::Aligned { age_s } => Some(aligned_covariance(errors, ins, *age_s)),
+            Begin::Fixed { fix, .. } => Some(fix.covariance(errors)),
+        }
+    }
+}

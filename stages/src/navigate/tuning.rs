@@ -1,0 +1,359 @@
+//! The assumed noise of a line's measurements: given, of its calibration, or by the likelihood of the innovations.
+
+use arrow_array::{ArrayRef, RecordBatch};
+use numerics::navigation::{
+    likelihood::{self, Estimated, LineNoise, Search},
+    line::NavigationLine,
+};
+use schemas::{Column, Fault, OrAuto, Rule, Shape, choice, flight, map::ERROR, params};
+
+use super::{
+    Navigate,
+    filter::{Flown, Magnetometer, Update},
+    prepared::PreparedMap,
+};
+use crate::{
+    columns::{array, data, faults_of, floats},
+    compensate::NOISE,
+};
+
+choice! {
+    /// Where unset parameters come from.
+    pub enum Tuning {
+        /// Noise by the likelihood of each line's innovations, outliers rejected, the map continued to the heights flown.
+        Auto = "auto",
+        /// The defaults of MagNav.jl; no gate, and the map as it is.
+        Magnav = "magnav",
+    }
+}
+
+params! {
+    /// Assumed noise of the measurement.
+    pub struct MeasurementNoise;
+    /// White noise of a measurement: sensor, map and residual of the compensation. `"auto"` takes the residual of the
+    /// calibration, from the column `mag_sigma`.
+    measurement_sigma_nt: Option<OrAuto>, unit "nT", absent "by `tuning`: from the likelihood, or 5.0", rule Rule::Positive;
+    /// Standard deviation of the temporal variation and of all other errors that last. `"auto"` takes the column
+    /// `mag_fogm_sigma`.
+    fogm_sigma_nt: Option<OrAuto>, unit "nT", absent "by `tuning`: from the likelihood, or 3.0", rule Rule::NotNegative;
+    /// Time constant of the temporal variation. `"auto"` takes the column `mag_fogm_tau`.
+    fogm_tau_s: Option<OrAuto>, unit "s", absent "by `tuning`: from the likelihood, or 600.0", rule Rule::Positive;
+    /// A column with one sigma of what each sample's measurement errs by besides: `mag_aircraft_sigma` of an ensemble, or what a
+    /// network predicts of its own error. The noise of a sample is the root of the sum of its square and that of
+    /// `measurement_sigma_nt`; a sample without it has no measurement. Of one magnetometer.
+    noise_column: Option<String>, unit "nT", absent "the noise is the same at all samples";
+}
+
+/// Assumed noise: white, and of the Gauss-Markov process with its time constant.
+#[derive(Clone, Copy)]
+pub(super) struct Expected {
+    pub(super) sigma_nt: f64,
+    pub(super) fogm_sigma_nt: f64,
+    pub(super) fogm_tau_s: f64,
+}
+
+/// MagNav.jl's white noise (nT), standard deviation of the process (nT) and time constant (s).
+const MAGNAV: [f64; 3] = [5.0, 3.0, 600.0];
+
+/// Time between two measurements that are used where their noise is found, in s: errors that last for less are white.
+const INTERVAL_S: f64 = 2.0;
+
+/// Columns of the noise that was found: name, unit, and meaning.
+const FOUND: [(&str, &str, &str); 3] = [
+    ("noise_sigma", "nT", "white noise of the measurements that are used"),
+    ("noise_fogm_sigma", "nT", "standard deviation of the Gauss-Markov process"),
+    ("noise_fogm_tau", "s", "time constant of the Gauss-Markov process"),
+];
+
+impl Navigate {
+    /// The parameters that may be found from the data, each with the column that holds it.
+    pub(super) fn of_calibration(&self) -> [(Option<OrAuto>, &'static str, &'static str, &'static str); 3] {
+        let [sigma, fogm_sigma, fogm_tau] = NOISE;
+        [
+            (self.noise.measurement_sigma_nt, "measurement_sigma_nt", sigma.0, sigma.1),
+            (self.noise.fogm_sigma_nt, "fogm_sigma_nt", fogm_sigma.0, fogm_sigma.1),
+            (self.noise.fogm_tau_s, "fogm_tau_s", fogm_tau.0, fogm_tau.1),
+        ]
+    }
+
+    /// Says which column is missing for what is `auto`.
+    pub(super) fn auto_faults(&self, shape: &Shape) -> Vec<Fault> {
+        let wanted = self.of_calibration().into_iter().filter(|(value, ..)| *value == Some(OrAuto::Auto));
+        let missing = wanted.filter_map(|(_, param, column, unit)| {
+            let fault = shape.number(column, unit).err()?;
+            let what = format!("`{param} = \"auto\"` is what the calibration left, and {}", fault.what);
+            let help =
+                format!("navigate on the table of a `compensate` or an `assume_noise`, or give `{param}` a number");
+            Some(Fault::new(what).help(help).of_param(param))
+        });
+        missing.collect()
+    }
+
+    /// The noise of a line without a search: given, of the calibration, or MagNav.jl's.
+    pub(super) fn expected(&self, batch: &RecordBatch) -> Result<Expected, Fault> {
+        let mut values = [0.0; 3];
+        for (at, (value, param, column, _)) in self.of_calibration().into_iter().enumerate() {
+            values[at] = match value {
+                None => MAGNAV[at],
+                Some(OrAuto::Given(x)) => x,
+                Some(OrAuto::Auto) => {
+                    let first = floats(batch, column)?.iter().copied().find(|x| x.is_finite());
+                    first.ok_or_else(|| {
+                        let what = format!(
+                            "`{param} = \"auto\"` has no value: the model was fitted on lines too short to tell"
+                        );
+                        Fault::data(what).in_column(column).help(format!("give `{param}` a number"))
+                    })?
+                }
+            };
+        }
+        let [sigma_nt, mut fogm_sigma_nt, mut fogm_tau_s] = values;
+        if self.offset_window_s > 0.0 {
+            if self.noise.fogm_sigma_nt == Some(OrAuto::Auto) {
+                fogm_sigma_nt *= std::f64::consts::SQRT_2;
+            }
+            if self.noise.fogm_tau_s == Some(OrAuto::Auto) {
+                fogm_tau_s *= 2.0;
+            }
+        }
+        Ok(Expected { sigma_nt, fogm_sigma_nt, fogm_tau_s })
+    }
+
+    /// The column of the noise, for a filter that has a use for it.
+    pub(super) fn noise_column(&self) -> Option<&str> {
+        self.noise.noise_column.as_deref().filter(|_| self.filter.keys.takes_field())
+    }
+
+    /// What is wrong with the column of the noise.
+    pub(super) fn noise_faults(&self, shape: &Shape) -> Vec<Fault> {
+        let Some(column) = self.noise_column() else { return vec![] };
+        let mut faults = faults_of([shape.number(column, "nT")], "noise_column");
+        if self.mag.len() > 1 {
+            let what = "`noise_column` is of one magnetometer, and `mag` names several";
+            faults.push(Fault::new(what).of_param("noise_column"));
+        }
+        if self.mag.iter().any(|mag| mag == column) {
+            let what = format!("`{column}` is the measurement, and not its noise");
+            faults.push(Fault::new(what).of_param("noise_column"));
+        }
+        faults
+    }
+
+    /// One sigma of each sample's measurement beside `measurement_sigma_nt`, in nT; NaN where it is unknown.
+    pub(super) fn sample_sigma_nt(&self, batch: &RecordBatch) -> Result<Option<Vec<f64>>, Fault> {
+        let Some(column) = self.noise_column() else { return Ok(None) };
+        let values = floats(batch, column)?;
+        if let Some(row) = values.iter().position(|sigma| *sigma < 0.0) {
+            let what = format!("a standard deviation of {} nT in row {}", values[row], row + 1);
+            let help = format!("make it at least 0 with a `derive`: `greatest({column}, 0)`");
+            return Err(Fault::data(what).in_column(column).help(help));
+        }
+        Ok(Some(values.iter().map(|sigma| if sigma.is_finite() { *sigma } else { f64::NAN }).collect()))
+    }
+}
+
+impl Navigate {
+    /// Whether unset parameters are found from the data.
+    pub(super) fn is_auto(&self) -> bool {
+        self.tuning == Tuning::Auto
+    }
+
+    /// Whether the noise and the outliers of each line are found. Filters that estimate the aircraft's field from an uncompensated
+    /// magnetometer, and flights without a map, keep the given noise or MagNav.jl's.
+    pub(super) fn finds_noise(&self, has_map: bool) -> bool {
+        let filter = &self.filter.keys;
+        let compensated = |mag: &String| mag == "mag_c" || flight::is_compensated(mag);
+        let alone = !filter.takes_models() || self.mag.iter().all(compensated);
+        self.is_auto() && has_map && alone && filter.takes_field() && filter.needs_map()
+    }
+
+    /// The parameters of the search: the numbers that are not searched.
+    fn not_searched(&self, expected: &Expected) -> [Option<f64>; 3] {
+        let values = [expected.sigma_nt, expected.fogm_sigma_nt, expected.fogm_tau_s];
+        let given = self.of_calibration().map(|(value, ..)| value.is_some());
+        [0, 1, 2].map(|at| given[at].then_some(values[at]))
+    }
+
+    /// Whether the map's own error counts.
+    pub(super) fn takes_map_error(&self, map: &RecordBatch) -> bool {
+        let known = || floats(map, ERROR).is_ok_and(|error| error.iter().any(|nt| *nt > 0.0));
+        self.map_error_length_m.is_some() || self.is_auto() && known()
+    }
+
+    /// The columns of the noise that is found.
+    pub(super) fn noise_columns(&self, has_map: bool) -> Vec<Column> {
+        if !self.finds_noise(has_map) {
+            return vec![];
+        }
+        let mut columns = vec![];
+        for (name, unit, what) in FOUND {
+            columns.push(Column::float(name, unit, format!("{what}; NaN where the line is too short to find it")));
+            columns.push(Column::float(format!("{name}_low"), unit, "lower end of its 95 % interval"));
+            columns.push(Column::float(format!("{name}_high"), unit, "upper end of its 95 % interval"));
+        }
+        columns.push(Column::float(
+            "noise_inflation",
+            "1",
+            "factor in `noise_sigma` for innovations that are correlated; 1 where they are white",
+        ));
+        columns
+    }
+
+    /// The arrays of these columns.
+    pub(super) fn noise_arrays(&self, flown: &Flown) -> Vec<ArrayRef> {
+        if !self.finds_noise(flown.map.is_some()) {
+            return vec![];
+        }
+        let none = Estimated { value: f64::NAN, low: f64::NAN, high: f64::NAN };
+        let found = flown.tuned.as_ref().and_then(|tuned| tuned.noise);
+        let three = found.map_or([none; 3], |noise| [noise.sigma_nt, noise.fogm_sigma_nt, noise.fogm_tau_s]);
+        let inflation = found.map_or(f64::NAN, |noise| noise.inflation);
+        let values = three.iter().flat_map(|of| [of.value, of.low, of.high]).chain([inflation]);
+        values.map(|value| array(vec![value; flown.ins.len()])).collect()
+    }
+
+    /// Finds the noise and the outliers of a line, and leaves out the measurements that are not used.
+    pub(super) fn tune(
+        &self,
+        flown: &mut Flown,
+        map: &PreparedMap,
+        expected: &Expected,
+        known: &mut Vec<(Asked, Tuned)>,
+    ) -> Result<(), Fault> {
+        let given = self.not_searched(expected);
+        let asked = Asked::of(flown, given);
+        let tuned = match known.iter().find(|(other, _)| *other == asked) {
+            Some((_, tuned)) => tuned.clone(),
+            None => {
+                let tuned = Tuned::of(flown, map.errors.has_own() && self.map_error_length_m.is_none(), map, given)?;
+                known.push((asked, tuned.clone()));
+                tuned
+            }
+        };
+        tuned.apply(flown);
+        flown.tuned = Some(tuned);
+        Ok(())
+    }
+}
+
+/// What the noise of a line is a function of.
+#[derive(PartialEq)]
+pub(super) struct Asked {
+    map: *const u8,
+    given: [Option<f64>; 3],
+    offset_window_s: f64,
+    start: Vec<u64>,
+    values: Vec<u64>,
+}
+
+impl Asked {
+    fn of(flown: &Flown, given: [Option<f64>; 3]) -> Self {
+        let errors = &flown.errors;
+        let first = errors.initial_covariance(flown.ins.lat_deg[0].to_radians(), flown.ins.alt_m[0]);
+        let density = errors.noise_density();
+        let start = first.as_flattened().iter().chain(&density).map(|x| x.to_bits()).collect();
+        let fixes = flown.fixes().map(|fixes| [&fixes.lat_deg, &fixes.lon_deg, &fixes.alt_m]);
+        let columns = [&flown.measured_nt].into_iter().chain(fixes.into_iter().flatten());
+        let more = flown.scale().into_iter().chain(flown.known_nt().into_iter().flatten());
+        let values = columns.flatten().copied().chain(more).map(f64::to_bits).collect();
+        let map = flown.map.map_or(std::ptr::null(), |map| std::ptr::from_ref(map).cast());
+        Self { map, given, offset_window_s: flown.offset_window_s, start, values }
+    }
+}
+
+/// The noise that was found for a line.
+#[derive(Clone)]
+pub(super) struct Tuned {
+    /// The noise; `None` where the line is too short.
+    noise: Option<LineNoise>,
+    /// Rows whose measurements are used; `None` for all.
+    rows: Option<Vec<usize>>,
+    /// The map's error at each sample, in nT.
+    map_nt: Option<Vec<f64>>,
+}
+
+impl Tuned {
+    fn of(flown: &Flown, of_map: bool, map: &PreparedMap, given: [Option<f64>; 3]) -> Result<Self, Fault> {
+        let line = NavigationLine { fixes: flown.fixes(), ..flown.line()? };
+        let rows = likelihood::rows_at(flown.ins.tt_s, INTERVAL_S);
+        let (scale, known) = (flown.scale(), flown.known_nt());
+        let known_nt = known.as_deref();
+        let first = Search { line: &line, rows: &rows, scale: &scale, known_nt, map_nt: None, given };
+        let mut noise = likelihood::search(&first).map_err(data)?;
+        let mut map_nt = None;
+        if let Some(found) = &noise
+            && of_map
+        {
+            let mut errors = line.errors;
+            (errors.fogm_sigma_nt, errors.fogm_tau_s) = (found.fogm_sigma_nt.value, found.fogm_tau_s.value);
+            let sigma_nt: Vec<f64> = scale.iter().map(|scale| scale * found.sigma_nt.value).collect();
+            map_nt = map.errors.at_nodes_nt(&NavigationLine { sigma_nt: &sigma_nt, errors, ..line })?;
+            noise = likelihood::search(&Search { map_nt: map_nt.as_deref(), ..first }).map_err(data)?;
+        }
+        let rows = (given[0].is_none() && noise.is_some()).then_some(rows);
+        Ok(Self { noise, rows, map_nt })
+    }
+
+    /// Sets the noise, and leaves out the measurements between those that are used.
+    fn apply(&self, flown: &mut Flown) {
+        if let Some(noise) = &self.noise {
+            flown.measurement_sigma_nt = noise.sigma_nt.value;
+            flown.errors.fogm_sigma_nt = noise.fogm_sigma_nt.value;
+            flown.errors.fogm_tau_s = noise.fogm_tau_s.value;
+            let factor = noise.map_factor.sqrt();
+            let of_map = |nt: &Vec<f64>| nt.iter().map(|nt| if nt.is_finite() { factor * nt } else { 0.0 }).collect();
+            flown.map_sigma_nt = self.map_nt.as_ref().filter(|_| factor > 0.0).map(of_map);
+            flown.set_sigma();
+        }
+        if let Some(rows) = &self.rows {
+            let mut used = vec![false; flown.ins.len()];
+            rows.iter().for_each(|row| used[*row] = true);
+            flown.leave_out(Update::Unused, &used.iter().map(|used| !used).collect::<Vec<_>>());
+        }
+    }
+}
+
+impl Flown<'_> {
+    /// Factor from the white noise of a magnetometer to that of each measurement.
+    fn scale(&self) -> Vec<f64> {
+        let factor = |row: usize| self.noise_factors.as_ref().map_or(1.0, |factors| factors[row]);
+        (0..self.ins.len()).map(|row| factor(row) / self.counts[row].sqrt()).collect()
+    }
+
+    /// Known standard deviation of each measurement, in nT.
+    fn known_nt(&self) -> Option<Vec<f64>> {
+        let own = self.sample_sigma_nt.as_ref()?;
+        Some(own.iter().zip(&self.counts).map(|(sigma, count)| sigma / count.sqrt()).collect())
+    }
+
+    /// Leaves out measurements, which have this fate.
+    fn leave_out(&mut self, fate: Update, which: &[bool]) {
+        self.left_out.resize(self.ins.len(), None);
+        for (row, _) in which.iter().enumerate().filter(|(_, is)| **is) {
+            if self.measured_nt[row].is_finite() {
+                self.left_out[row] = Some(fate);
+            }
+            self.measured_nt[row] = f64::NAN;
+        }
+    }
+
+    /// Leaves out the outliers: of each magnetometer where the filter takes each, else of their mean.
+    ///
+    /// # Errors
+    /// Fails as [`likelihood::outliers`].
+    pub(super) fn reject_outliers(&mut self) -> Result<(), Fault> {
+        let line = NavigationLine { fixes: self.fixes(), ..self.line()? };
+        let rejected = likelihood::outliers(&line).map_err(data)?;
+        let mut of_each = vec![];
+        for Magnetometer { measured_nt, .. } in &self.magnetometers {
+            let used = |(own, mean): (&f64, &f64)| if mean.is_finite() { *own } else { f64::NAN };
+            let own: Vec<f64> = measured_nt.iter().zip(&self.measured_nt).map(used).collect();
+            let line = NavigationLine { measurement_nt: &own, ..line };
+            let rejected = likelihood::outliers(&line).map_err(data)?;
+            of_each.push(own.iter().zip(rejected).map(|(nt, out)| if out { f64::NAN } else { *nt }).collect());
+        }
+        self.magnetometers.iter_mut().zip(of_each).for_each(|(mag, own)| mag.measured_nt = own);
+        self.leave_out(Update::Gated, &rejected);
+        Ok(())
+    }
+}
