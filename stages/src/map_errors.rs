@@ -236,7 +236,12 @@ mod tests {
         let truth = (sum / n).sqrt();
         // The cubic convolution is itself off by a few parts in a hundred of what the straight line misses.
         assert!((bilinear_error_nt(&map) / truth - 1.0).abs() < 0.1, "{} {truth}", bilinear_error_nt(&map));
-        let errors = MapErrors { height: HeightError::Continued(vec![]), bilinear: Some((0.5, 100.0)), own: None, cell_m: 100.0 };
+        let errors = MapErrors {
+            height: HeightError::Continued(vec![]),
+            bilinear: Some((0.5, 100.0)),
+            own: None,
+            cell_m: 100.0,
+        };
         assert_eq!(errors.of_interpolation_nt(6.25), 2.0);
         assert_eq!(errors.of_interpolation_nt(500.0), 0.5);
     }

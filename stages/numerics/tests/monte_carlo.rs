@@ -224,6 +224,7 @@ fn law_noise_found_on_other_lines_makes_an_honest_filter() {
             .collect();
         let ins = truth.with_errors(&errors);
         let filtered = |white_nt: f64, lasting: GaussMarkov| {
+            let quiet = quiet;
             let model = InsErrorModel { fogm_sigma_nt: lasting.sigma, fogm_tau_s: lasting.tau_s, ..quiet };
             let parameters = EkfParameters {
                 errors: model,

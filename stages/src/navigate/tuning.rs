@@ -56,7 +56,7 @@ pub(super) struct Expected {
 const MAGNAV: [f64; 3] = [5.0, 3.0, 600.0];
 
 /// Time between two measurements that are used where their noise is found, in s: errors that last for less are white.
-const INTERVAL_S: f64 = 2.0;
+const INTERVAL_S: f64 = 5.0;
 
 /// Columns of the noise that was found: name, unit, and meaning.
 const FOUND: [(&str, &str, &str); 3] = [
