@@ -14,6 +14,12 @@ use crate::support::{Bench, SPEC, line_of, repository, stderr, stdout, write};
 mod publishing;
 mod stores;
 
+/// Publishes tables of a bench's pipeline.
+fn publish(bench: &Bench, tables: &[&str], to: &str) -> Output {
+    let args = [&["publish", "spec.toml"], tables, &["--to", to]].concat();
+    bench.magline(&args)
+}
+
 const FACTS: &str = r#"
 [publish]
 title       = "Small flights"

@@ -10,11 +10,6 @@ fn restricted(more: &str, axes: &str, stages: &str) -> String {
     )
 }
 
-fn publish(bench: &Bench, tables: &[&str], to: &str) -> Output {
-    let args = [&["publish", "spec.toml"], tables, &["--to", to]].concat();
-    bench.magline(&args)
-}
-
 /// The output of publishing the table of a spec, and whether it was refused.
 fn asked(spec: &str, tables: &[&str]) -> (bool, String) {
     let bench = Bench::new();
