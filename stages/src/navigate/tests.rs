@@ -1,4 +1,5 @@
 #![allow(clippy::unwrap_used)]
+use super::tuning::Expected;
 use schemas::{Args, Given, Literal, Params, Reader};
 
 use super::*;
