@@ -224,7 +224,9 @@ fn two_magnetometers(filters: &str, stage: &str) -> String {
     let keys = r#"gradient = ["mag_2_uc", "mag_3_uc"]
 gradient_baseline_m = [15.0, 0.0, 0.0]
 gradient_sigma_nt = 0.05
-gradient_bias_sigma_nt = 0.0"#;
+gradient_bias_sigma_nt = 0.0
+gradient_slope_sigma = 0.0
+map_levels_m = [500.0]"#;
     spec(filters, &format!("{keys}\n{stage}"))
 }
 

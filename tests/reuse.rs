@@ -51,7 +51,7 @@ fn user_a_navigate_parameter_recomputes_navigation_and_scores() {
     computed(&bench, &[]);
     assert_eq!(computed(&bench, &["--set", "track.fogm_sigma_nt=4.0"]), [0, 0, 0, 0, 32, 32]);
     // A default that is written out is the same question.
-    assert_eq!(computed(&bench, &["--set", "track.fogm_sigma_nt=3"]), [0; 6]);
+    assert_eq!(computed(&bench, &["--set", "track.fogm_sigma_nt=4.0", "--set", "track.vrw_sigma=0.000238"]), [0; 6]);
 }
 
 /// The tables as `sql` shows them, without the axis.
@@ -123,7 +123,7 @@ fn gold_why_names_what_moved() {
         crate::support::stdout(&bench.magline(&args))
     };
     assert_eq!(why(&[]), "scores: nothing to compute, all 32 are in the store\n");
-    let moved = "scores: 32 of 32 to compute\n  track: fogm_sigma_nt 3.0 -> 4.0\n";
+    let moved = "scores: 32 of 32 to compute\n  track: fogm_sigma_nt none -> 4.0\n";
     assert_eq!(why(&["--set", "track.fogm_sigma_nt=4"]), moved);
     let point = why(&["--set", "axes.lambda=[0.0, 0.025, 1.0]"]);
     assert!(point.starts_with("scores: 16 of 48 to compute\n") && point.contains("lambda=1 "), "{point}");

@@ -3,8 +3,7 @@
 use arrow_array::RecordBatch;
 use numerics::{
     maps::{
-        continuation::{MAGNAV_ALPHA_M2, Padding, RadialPower, edge_error},
-        fill,
+        continuation::{MAGNAV_ALPHA_M2, RadialPower},
         map_stack::FieldMap,
         map_surface::Interpolation,
         plane_grid::PlaneGrid,
@@ -52,7 +51,7 @@ impl MapErrors {
             None => HeightError::AsItIs { own_m, power },
             Some(levels_m) => {
                 let noise_nt = map.column_by_name(ERROR).map(|_| floats(map, ERROR).map(rms)).transpose()?.flatten();
-                HeightError::Continued(level_errors(&plane, &power, noise_nt, (own_m, levels_m))?)
+                HeightError::Continued(level_errors(&power, noise_nt, (own_m, levels_m)))
             }
         };
         let cell_m = plane.east_m.step.max(plane.north_m.step);
@@ -112,38 +111,15 @@ impl MapErrors {
     }
 }
 
-/// The error of each level of a map of a height, in nT: the unknown field past the edges, and below the map its noise amplified
-/// and the field that damping removes. Of the edges that of the farthest level is measured, and the others have their part.
-fn level_errors(
-    plane: &PlaneGrid,
-    power: &RadialPower,
-    noise_nt: Option<f64>,
-    (own_m, levels_m): (f64, &[f64]),
-) -> Result<Vec<(f64, f64)>, Fault> {
-    let up_m = |level_m: f64| level_m - own_m;
-    let farthest_m =
-        levels_m.iter().map(|level| up_m(*level)).fold(0.0, |a: f64, b| if b.abs() > a.abs() { b } else { a });
-    // A map that is too small for that is all edge, of which nothing is known.
-    let edges_nt = match farthest_m == 0.0 {
-        true => 0.0,
-        false => {
-            edge_error(&filled(plane)?, farthest_m, MAGNAV_ALPHA_M2, &Padding::default()).map_or(f64::NAN, |e| e.rms_nt)
-        }
+/// The error of each level of a map of a height, in nT: below the map its noise amplified and the field that damping removes. The
+/// field past the edges of the map is not known, and counts nowhere.
+fn level_errors(power: &RadialPower, noise_nt: Option<f64>, (own_m, levels_m): (f64, &[f64])) -> Vec<(f64, f64)> {
+    let error_nt = |level_m: f64| match own_m - level_m {
+        down if down > 0.0 => power.downward_error_nt(down, MAGNAV_ALPHA_M2, noise_nt),
+        unknown if unknown.is_nan() => f64::NAN,
+        _ => 0.0,
     };
-    let error_nt = |level_m: f64| match up_m(level_m) {
-        0.0 => 0.0,
-        up if up < 0.0 => power.downward_error_nt(-up, MAGNAV_ALPHA_M2, noise_nt).hypot(edges_nt * up / farthest_m),
-        up => edges_nt * (up / farthest_m).abs(),
-    };
-    Ok(levels_m.iter().map(|level| (*level, error_nt(*level))).collect())
-}
-
-/// The map without unknown nodes.
-fn filled(plane: &PlaneGrid) -> Result<PlaneGrid, Fault> {
-    if plane.unknown() == 0 {
-        return Ok(plane.clone());
-    }
-    Ok(fill::smooth(plane, &fill::SmoothFill::default()).map_err(data)?.0)
+    levels_m.iter().map(|level| (*level, error_nt(*level))).collect()
 }
 
 /// The value between two of ascending places, or that at the nearest end.

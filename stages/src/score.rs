@@ -81,7 +81,7 @@ stage! {
     ///
     /// Source: thesis 000, (3.45), (3.46); thesis 001, (66); thesis 004, (2.39) to (2.41); Bar-Shalom, Li & Kirubarajan
     /// 2001, section 5.4; Mehra 1970.
-    Score = "score", version 5, grain Line, yields Scores, inputs [input: ManyLines],
+    Score = "score", version 6, grain Line, yields Scores, inputs [input: ManyLines],
     example r#"
 [[stages]]
 name  = "score"

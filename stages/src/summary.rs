@@ -36,7 +36,7 @@ stage! {
     /// other lines are drawn each among themselves.
     ///
     /// Source: thesis 004, (2.42) and section 4.1; Efron & Tibshirani 1993, chapter 13.
-    Summary = "summary", version 2, grain Survey, inputs [input: Scores],
+    Summary = "summary", version 3, grain Survey, inputs [input: Scores],
     example r#"
 [[stages]]
 name  = "summary"

@@ -47,7 +47,7 @@ stage! {
     ///
     /// Source: Solin and Särkkä 2020, "Hilbert space methods for reduced-rank Gaussian process regression"; Viset, Kullberg,
     /// Wesel and Solin 2024 (its normal equations); McHutchon and Rasmussen 2011 (input noise).
-    TrackMap = "track_map", version 1, grain Survey, yields Map, inputs [input: Lines, track: Lines optional],
+    TrackMap = "track_map", version 2, grain Survey, yields Map, inputs [input: Lines, track: Lines optional],
     example r#"
 [[stages]]
 name            = "track_map"
