@@ -429,7 +429,7 @@ fn user_a_run_without_truth_is_scored_by_what_needs_none() {
     assert!(positions.is_some_and(|l| l.contains("`drms`") && l.contains("`figure_of_merit_crossings`")), "{err}");
     // With a truth nothing is noted.
     let (_, _, err) = ran(&spec(&[("[0.025, 0.25, 25.0]", "[0.025]")]));
-    assert!(!err.contains("not scored"), "{err}");
+    assert!(!err.contains("not scored without `truth`"), "{err}");
 }
 
 /// The two queries of the README for the scores of `osborne`.
