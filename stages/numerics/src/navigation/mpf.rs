@@ -128,8 +128,8 @@ pub fn run(
     let states = AidStates::of(aids, STATES);
     match STATES + states.errors.len() {
         STATES => Filter::<STATES>::new(line, aids, states, parameters).run(),
-        ..=WITH_BIASES => Filter::<WITH_BIASES>::new(line, aids, states, parameters).run(),
-        ..=WITH_VECTOR => Filter::<WITH_VECTOR>::new(line, aids, states, parameters).run(),
+        count if count <= WITH_BIASES => Filter::<WITH_BIASES>::new(line, aids, states, parameters).run(),
+        count if count <= WITH_VECTOR => Filter::<WITH_VECTOR>::new(line, aids, states, parameters).run(),
         _ => Filter::<WITH_ALL>::new(line, aids, states, parameters).run(),
     }
 }
