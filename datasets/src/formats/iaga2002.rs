@@ -378,7 +378,7 @@ pub(super) fn even(path: &Path, samples: &[Sample]) -> Result<(f64, Vec<[f64; 4]
         return Ok((1.0, vec![first.1]));
     }
     let steps = (last.0 - first.0) / step_s;
-    if !(step_s > 0.0) {
+    if step_s.is_nan() || step_s <= 0.0 {
         return Err(ReadError::data(path, "the samples of the record do not ascend in time"));
     }
     if steps > FREE.max(MOST * samples.len() as f64) {

@@ -224,8 +224,8 @@ fn law_noise_found_on_other_lines_makes_an_honest_filter() {
             .collect();
         let ins = truth.with_errors(&errors);
         let filtered = |white_nt: f64, lasting: GaussMarkov| {
-            let quiet = quiet;
-            let model = InsErrorModel { fogm_sigma_nt: lasting.sigma, fogm_tau_s: lasting.tau_s, ..quiet };
+            let base = quiet;
+            let model = InsErrorModel { fogm_sigma_nt: lasting.sigma, fogm_tau_s: lasting.tau_s, ..base };
             let parameters = EkfParameters {
                 errors: model,
                 measurement_sigma_nt: white_nt,

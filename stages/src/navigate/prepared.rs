@@ -23,8 +23,11 @@ pub(super) struct PreparedMaps {
     levels_m: Option<Vec<f64>>,
     has_own_error: bool,
     ladder: Option<Ladder>,
-    made: Mutex<Vec<(Option<Vec<f64>>, Arc<PreparedMap>)>>,
+    made: Mutex<Vec<Made>>,
 }
+
+/// The levels of a map, where it is continued, and the map.
+type Made = (Option<Vec<f64>>, Arc<PreparedMap>);
 
 /// A map with its errors.
 pub(super) struct PreparedMap {
