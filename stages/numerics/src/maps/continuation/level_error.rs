@@ -25,7 +25,7 @@ impl RadialPower {
     ///
     /// Without `noise_nt` the noise is what the shortest waves of the map hold, which is also all of a field that they may hold.
     /// Waves of the field that are below the noise are continued from the resolved ones by ln P = a − 2 k d, the spectrum of
-    /// sources at a depth d. [Spector & Grant 1970, Geophysics 35] Edges are another matter: [`super::edge_error`].
+    /// sources at a depth d. [Spector & Grant 1970, Geophysics 35] Edges are another matter: [`super::edge_error()`].
     pub fn downward_error_nt(&self, down_m: f64, alpha_m2: f64, noise_nt: Option<f64>) -> f64 {
         let error = |parts: &Parts| {
             let k = parts.bin.k;
