@@ -41,7 +41,8 @@ pub struct LineNoise {
     pub inflation: f64,
 }
 
-/// An estimated parameter with its 95 % interval, which is the parameter itself where it was given.
+/// An estimated parameter with its 95 % interval, which is the parameter itself where it was given. The interval is that of the
+/// likelihood: what the model of the noise lacks is not in it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimated {
     /// The estimate.
