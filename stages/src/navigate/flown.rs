@@ -110,11 +110,9 @@ pub(super) fn run(points: &[LinePoint<Navigate>]) -> Vec<Arrays> {
 /// The INS of a line, corrected where a filter starts from a fix.
 fn begun<'a>(batch: &'a RecordBatch, begin: &Begin) -> Result<Ins<'a>, Fault> {
     let ins = Ins::of(batch)?;
+    ins.series().check().map_err(data)?;
     match begin {
-        Begin::Fixed { fix, row } => {
-            ins.series().check().map_err(data)?;
-            Ok(ins.corrected(fix, *row))
-        }
+        Begin::Fixed { fix, row } => Ok(ins.corrected(fix, *row)),
         Begin::Given | Begin::Aligned { .. } => Ok(ins),
     }
 }
@@ -146,7 +144,6 @@ fn flown<'a>(
         ..InsErrorModel::of(stage.ins.sources)
     };
     let series = ins.series();
-    series.check().map_err(data)?;
     errors.start = begin.covariance(&errors, &series);
     let field_nt = stage.geometry.field(batch)?;
     let cosines = field_nt.map(|field| stage.geometry.cosines(field));

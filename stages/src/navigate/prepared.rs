@@ -15,7 +15,7 @@ pub struct Prepared {
     pub(super) models: Vec<Calibration>,
 }
 
-/// A map at the heights that lines need, each made once.
+/// A map at the heights that lines need, each made once while it is kept.
 pub(super) struct PreparedMaps {
     table: RecordBatch,
     interpolation: Interpolation,
@@ -50,6 +50,8 @@ const SAME_HEIGHT: f64 = 0.05;
 const SPACING: f64 = 0.25;
 /// Most cells that a map is continued downward, which multiplies the shortest wave that the map can have by e^(pi x cells).
 const DOWNWARD: f64 = 1.0;
+/// Most maps that are kept: lines at many heights would fill the memory.
+const MOST_KEPT: usize = 8;
 /// Most levels of a line.
 const MOST_LEVELS: f64 = 24.0;
 
@@ -115,6 +117,9 @@ impl PreparedMaps {
         let bilinear = self.interpolation == Interpolation::Linear;
         let errors = MapErrors::of(&self.table, levels.map(Vec::as_slice), bilinear, self.has_own_error)?;
         let map = Arc::new(PreparedMap { field, errors });
+        if made.len() >= MOST_KEPT {
+            made.remove(0);
+        }
         made.push((levels_m, map.clone()));
         Ok(map)
     }

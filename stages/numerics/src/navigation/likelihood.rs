@@ -14,17 +14,16 @@
 
 mod outliers;
 mod thinned;
-mod whiteness;
 
 use crate::navigation::ekf::{EkfParameters, EkfPoint, run_together};
 use crate::navigation::ins_error::InsErrorModel;
 use crate::navigation::line::NavigationLine;
 use crate::navigation::output::{NavigationError, NavigationOutput};
+use crate::regression::consistency::effective_samples;
 
 pub use outliers::{GATE_NIS, outliers};
 use thinned::Thinned;
 pub use thinned::rows_at;
-use whiteness::correlation_factor;
 
 /// The noise of a line.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -222,9 +221,7 @@ impl Likelihood<'_> {
         let Ok(output) = output else { return Score { log: f64::NEG_INFINITY, used: 0 } };
         let mut sum = 0.0;
         for (residual_nt, nis) in output.residual_nt.iter().zip(&output.nis) {
-            if *nis > 0.0 && nis.is_finite() {
-                sum += (residual_nt * residual_nt / nis).ln() + nis.min(GATE_NIS);
-            }
+            sum += deviance(*residual_nt, *nis, GATE_NIS).unwrap_or(0.0);
         }
         for (at, (centre, sd)) in PRIOR.iter().enumerate() {
             if self.search.given[at].is_none() {
@@ -305,6 +302,23 @@ impl Likelihood<'_> {
         }
         estimates
     }
+}
+
+/// -2 ln p of an innovation but for a constant, whose normalised square counts as at most `most_nis`; `None` where an innovation
+/// of exactly 0 does not show its variance.
+pub(super) fn deviance(residual: f64, nis: f64, most_nis: f64) -> Option<f64> {
+    let variance = residual * residual / nis;
+    (nis.is_finite() && variance.is_finite() && variance > 0.0).then(|| variance.ln() + nis.min(most_nis))
+}
+
+/// Variance of a sum of the normalised innovations over that of as many independent ones; at least 1, and 1 for a correlation
+/// that is not distinguished from none.
+fn correlation_factor(output: &NavigationOutput) -> f64 {
+    const SMALLEST: f64 = 1.3;
+    let innovations = output.residual_nt.iter().zip(&output.nis).filter(|(_, nis)| nis.is_finite() && **nis <= GATE_NIS);
+    let normalised: Vec<f64> = innovations.map(|(residual, nis)| nis.sqrt().copysign(*residual)).collect();
+    let factor = normalised.len() as f64 / effective_samples(&normalised);
+    if factor >= SMALLEST { factor } else { 1.0 }
 }
 
 fn parameters(

@@ -1,6 +1,7 @@
 //! The error of the map's slope that the differences along a line show.
 
 use super::{AidedOutput, AidedParameters, Aids, MapSlope, run};
+use crate::navigation::likelihood::deviance;
 use crate::navigation::line::NavigationLine;
 
 /// Parts of the map's slope that are tried first, and the factor to their neighbours that are tried then.
@@ -50,10 +51,8 @@ fn likelihood(output: &AidedOutput) -> Likelihood {
     let innovations = &output.aids.difference;
     let (mut sum, mut samples) = (0.0, 0);
     for (residual, nis) in innovations.residual.iter().zip(&innovations.nis) {
-        // An innovation of exactly 0 tells its variance no more.
-        let variance = residual * residual / nis;
-        if variance.is_finite() && variance > 0.0 {
-            sum -= 0.5 * (variance.ln() + nis);
+        if let Some(deviance) = deviance(*residual, *nis, f64::INFINITY) {
+            sum -= 0.5 * deviance;
             samples += 1;
         }
     }

@@ -96,7 +96,6 @@ pub fn correction_along(errors: &InsErrorModel, ins: &InsSeries<'_>, first: [f64
     for (state, value) in [LAT, LON, ALT, VN, VN + 1, VN + 2].into_iter().zip(first) {
         x[state] = value;
     }
-    x[S] = 0.0;
     let mut columns: [Vec<f64>; 6] = Default::default();
     for row in 0..ins.len() {
         if row > 0 {
@@ -187,12 +186,11 @@ mod tests {
         let mut normals = Normals::new(9);
         let errors = simulate_ins_error(&series(&columns), &model, || normals.draw()).unwrap();
         let mut ins = columns.clone();
-        let sign = -1.0;
         for (row, error) in errors.iter().enumerate() {
-            ins[1][row] += sign * error[LAT].to_degrees();
-            ins[2][row] += sign * error[LON].to_degrees();
+            ins[1][row] -= error[LAT].to_degrees();
+            ins[2][row] -= error[LON].to_degrees();
             for axis in 0..3 {
-                ins[4 + axis][row] += sign * error[VN + axis];
+                ins[4 + axis][row] -= error[VN + axis];
             }
         }
         let fix = Fix {
