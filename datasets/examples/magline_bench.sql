@@ -1,4 +1,4 @@
--- The predictions of magline_bench.toml: a row for each sample, a column for each thing that is scored.
+-- The predictions of magline_bench.toml: one row per sample, one column per scored quantity.
 WITH compensated AS (
   SELECT flight, line, tt,
     max(CASE mag WHEN 'mag_1_uc' THEN mag_c END) AS mag_1_comp, max(CASE mag WHEN 'mag_2_uc' THEN mag_c END) AS mag_2_comp,

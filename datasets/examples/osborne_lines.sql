@@ -1,16 +1,16 @@
--- Survey lines as they could have been flown: the time of each point is the way along its line over 65 m/s.
+-- Survey lines as flights: the time of each point is its distance along the line divided by 65 m/s.
 --
--- A metre is 1/110745 degree of latitude at 21.9 degrees south and 1/103306 degree of longitude (WGS-84); over the area
--- that is wrong by 3 in a thousand at most, and so is the ground speed.
+-- A metre is 1/110745 degree of latitude at 21.9 degrees south and 1/103306 degree of longitude (WGS-84). Over the area, the
+-- error of this, and of the ground speed, is at most 0.3 %.
 
--- The sortie: its legs in order, each along (1) or against (-1) the order of the file, and how wide the turn after it
--- swings out (m), which keeps its radius above 500 m.
+-- The sortie: its legs in order, each in (1) or against (-1) the order of the file, and the width of the following turn (m),
+-- chosen for a radius above 500 m.
 WITH legs (leg, line, way, wide_m) AS (
     VALUES (1, '10066', 1, 20000), (2, '10149', -1, 14000), (3, '10130', -1, 20000), (4, '10155', 1, 14000),
            (5, '10078', 1, 20000), (6, '10151', -1, 20000), (7, '10118', 1, 20000), (8, '10153', 1, 20000),
            (9, '10088', -1, 7000), (10, '10108', -1, 5000), (11, '10098', 1, 7000), (12, '10083', -1, 0)
 ),
--- The ties read more than the lines that they cross: medians of 17 to 29 nT for each of 18 ties, 650 crossings.
+-- The tie lines read more than the lines that they cross: medians of 17 to 29 nT for each of 18 tie lines, 650 crossings.
 levelled AS (
     SELECT line, tt, lat, lon, alt,
            anomaly - CASE WHEN line LIKE '58%' THEN 29 WHEN line BETWEEN '10149' AND '10166' THEN 24 ELSE 0 END AS anomaly
@@ -19,10 +19,10 @@ levelled AS (
 measured AS (
     SELECT leg, wide_m, way * tt AS k, lat, lon, alt, anomaly
     FROM levelled JOIN legs USING (line)
-    -- The ties go on northward for another 15 km; the sortie stays over the block whose lines it flies.
+    -- The tie lines continue northward for another 15 km; the sortie stays over the block whose lines it flies.
     WHERE lat BETWEEN -22.0 AND -21.8775
 ),
--- Beginning and end of a leg, and its direction over about 350 m, in metres.
+-- Start and end of a leg, and its direction over about 350 m, in metres.
 numbered AS (
     SELECT *, row_number() OVER (PARTITION BY leg ORDER BY k) AS i, count(*) OVER (PARTITION BY leg) AS n,
            103306 * (lon - 140.74) AS e_m, 110745 * (lat + 21.94) AS n_m
@@ -37,7 +37,8 @@ ends AS (
            max(CASE WHEN i = 1 THEN alt END) AS alt0, max(CASE WHEN i = n THEN alt END) AS alt1
     FROM numbered GROUP BY leg
 ),
--- From the end of a leg to the beginning of the next by a cubic with the directions of both: no survey, so no measurement.
+-- From the end of a leg to the start of the next: a cubic with the directions of both. It is not part of the survey and has
+-- no measurement.
 turns AS (
     SELECT a.leg, a.e1, a.n1, a.alt1, b.e0, b.n0, b.alt0,
            (a.e1 - a.e1b) / sqrt(power(a.e1 - a.e1b, 2) + power(a.n1 - a.n1b, 2)) AS ue,

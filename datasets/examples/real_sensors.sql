@@ -1,4 +1,4 @@
--- Standard deviation in nT, pooled over the lines, of what linear models leave with ideal and with real sensors.
+-- Standard deviation of the residual in nT, pooled over the lines, of linear models with ideal and with realistic sensors.
 with box as (
     select i.mag as tl_mag, round(min(i.value), 1) as tl_ideal, round(min(r.value), 1) as tl_real
     from real_sensors.ideal_box i join real_sensors.real_box r on i.mag = r.mag and i.vector = r.vector and i.metric = r.metric

@@ -1,5 +1,5 @@
--- DRMS in m of an EKF with model 2c and of networks trained in flight, of the magnetometers and noise of the published tables:
--- root mean square over the realisations of the INS, of model 2c the median over the seeds of the network.
+-- DRMS in m of an EKF with model 2c and of networks trained in flight, for the magnetometers and noise of the published
+-- tables. It is the root mean square over the INS realisations; for model 2c, the median over the seeds of the network.
 with compensated as (
     select mag, "set" as features, seed, line, sqrt(avg(value * value)) as drms from thesis_000_network_navigation.network_scores
     where metric = 'drms' and ((mag = 'mag_3_uc' and sigma > 50) or (mag = 'mag_4_uc' and sigma between 20 and 50) or (mag = 'mag_5_uc' and sigma < 20))

@@ -1,7 +1,7 @@
--- Standard deviation in nT, pooled over the test lines, of networks the median over the seeds and the largest less the smallest:
--- one magnetometer with one or two vector magnetometers, then the small feature sets with Flux A. `m2c_all` has all features as
--- linear terms. `kept` is the least anomaly retention of any model but Tolles-Lawson on the box; it is empty where the true
--- anomaly is not known.
+-- Standard deviation in nT, pooled over the test lines; for networks, the median over the seeds and the range. First one
+-- magnetometer with one or two vector magnetometers, then the small feature sets with Flux A. `m2c_all` has all features as
+-- linear terms. `kept` is the smallest anomaly retention of all models except Tolles-Lawson on the box; it is empty if the
+-- true anomaly is unknown.
 with box as (select mag, min(value) as value from thesis_000_networks.box where metric = 'std_error' group by mag),
 linear as (
     select mag, vectors as inputs, linear, metric, value from thesis_000_networks.linear

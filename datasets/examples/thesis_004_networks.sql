@@ -1,5 +1,6 @@
--- Mean improvement ratio over the test manoeuvres of each flight, and the overfitting ratio: standard deviation on test over
--- that on calibration manoeuvres, with the mean anomaly retention on test manoeuvres. Linear models (`inputs` -), then networks.
+-- Mean improvement ratio over the test manoeuvres of each flight; overfitting ratio, the standard deviation on test divided
+-- by that on calibration manoeuvres; mean anomaly retention on test manoeuvres. Linear models (`inputs` -) come first, then
+-- networks.
 with scores as (
     select 'left' as wing, "left" as sensor, sortie, linear, '-' as inputs, 0 as epochs, line, metric, value from thesis_004_networks.left_linear
     union all select 'right', "right", sortie, linear, '-', 0, line, metric, value from thesis_004_networks.right_linear

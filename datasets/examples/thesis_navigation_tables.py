@@ -1,11 +1,11 @@
-"""Prints what the specs thesis_000_navigation, thesis_000_2021, thesis_001 and thesis_001_calibration found beside the
-published tables.
+"""Prints the results of thesis_000_navigation, thesis_000_2021, thesis_001 and thesis_001_calibration with the published
+tables.
 
     python thesis_navigation_tables.py STORE
 
-STORE is the folder that the specs were run into; a pipeline that was not run is left out. Needs pandas and pyarrow.
-Published: thesis 000 (A. R. Gnadt, MIT 2022), thesis 001 (T. N. Lee, AFIT 2019). Of several realisations of an INS, and of
-several flights, the root mean square is printed. A dash is a figure that one of the two does not have.
+STORE is the store of the runs; pipelines without results are skipped. Needs pandas and pyarrow.
+Published: Gnadt 2022 (MIT), Lee 2019 (AFIT). Several realisations of an INS, and several
+flights, are combined by their root mean square. A dash marks a missing figure.
 """
 
 import sys
@@ -26,9 +26,9 @@ DRMS = {("mag_3_uc", "small_1"): ("6.2", [[271, 296, 122, 83, 32, 350], [88, 88,
         ("mag_5_uc", "small_2"): ("6.6", [[58, 70, 58, 57, 32, 350], [33, 23, 23, 21, 25, 88], [20, 21, 21, 18, 19, 300]])}
 # Table 5.10, DRMS on line 1007.06, m: model 2c, adaptive, adaptive neural, online 2c, online Tolles-Lawson, stinger, no magnetometer.
 END_TO_END = {"mag_4_uc": [51, 48, 51, 37, 51, 19, 300], "mag_5_uc": [21, 22, 21, 18, 21, 19, 300]}
-# Section 5.9.4, magnetometer 4 told 5 nT: the EKF, the adaptive and the neural one.
+# Section 5.9.4, magnetometer 4, assumed sigma 5 nT: EKF, adaptive and adaptive neural filter.
 TOLD_WRONG = [124, 48, 86]
-# The noise that an EKF is told at 10 Hz, nT: sections 6.1.2 and 5.9.4; of magnetometer 5 it is not published. And at 2 Hz.
+# Assumed noise of an EKF at 10 Hz, nT: sections 6.1.2 and 5.9.4 (not published for magnetometer 5). TOLD has the values for 2 Hz.
 SIGMA = {"mag_3_uc": 120.0, "mag_4_uc": 60.0, "mag_5_uc": 15.0}
 TOLD = {5.0: 2.24, 15.0: 6.7, 60.0: 26.8, 120.0: 53.7}
 
@@ -49,7 +49,7 @@ SETS = [[17, 45, 43, 55, 85], [15, 64, 53, 25, 38], [14, 50, 37, 22, 11], [15, 4
         [16, 56, 29, 30, 23], [18, 55, 36, 27, 21], [17, 37, 29, 28, 43], [19, 60, 50, 23, 58], [21, 95, 52, 21, 44],
         [15, 56, 32, 25, 12], [18, 48, 56, 33, 54], [17, 32, 36, 33, 57]]
 
-# Thesis 001, Table 2: north, east, DRMS of the INS, of SLAM by a Gaussian process and by a scattered interpolant; m.
+# Lee 2019, Table 2: north, east, DRMS of the INS, of SLAM by a Gaussian process and by a scattered interpolant; m.
 SURVEY = {"INS alone": [320.6, 438.8, 543.5], "regression": [9.4, 14.2, 17.0], "inverse_distance": [18.46, 24.11, 30.36]}
 # Table 11: the same of 14 minutes, for each grade alone and with SLAM; m.
 LOITER = {"navigation": ([12.29, 1.24, 12.35], [4.74, 10.35, 11.38]), "tactical": ([434.27, 41.37, 436.24], [24.74, 31.12, 39.76]),
@@ -59,7 +59,7 @@ MERIT = {"navigation": [1.079, 1.40, 1.073], "tactical": [1.079, 10.15, 1.52], "
 # Table 7: figure of merit raw and calibrated, nT, and the line calibrated on.
 MERITS = {"a": (31.52, 1.26, "b"), "b": (33.97, 0.56, "b"), "c": (67.23, 1.9, "b"), "d": (63.44, 0.92, "d"), "e": (93.65, 1.08, "d"),
           "f": (60.52, 1.42, "d")}
-# Table 14: standard deviation of what is left of the calibration flight and of the grid; nT.
+# Table 14: standard deviation of the residual on the calibration flight and on the grid; nT.
 RESIDUALS = {"raw": [50.014, 50.515], "TL": [5.946, 14.774], "MTL": [5.946, 14.764], "TLL": [0.661, 1.049], "TLQ": [0.6588, 1.007],
              "MTLL": [0.6586, 0.975]}
 
@@ -91,7 +91,7 @@ def thesis_000_navigation(store: Path) -> None:
             tl = pooled(d["tl"], "std_error", mag=mag, line=line)
             pls = pooled(d["pls"], "std_error", mag=mag, line=line, set=chosen)
             rows.append([line] + beside([tl, pls, None], known))
-        show(f"Thesis 000, Table {number}: magnetometer {mag[4]}, {chosen}; nT", ["line"] + with_published(["Tolles-Lawson", "PLSR", "2c"]), rows)
+        show(f"Gnadt 2022, Table {number}: magnetometer {mag[4]}, {chosen}; nT", ["line"] + with_published(["Tolles-Lawson", "PLSR", "2c"]), rows)
     for (mag, chosen), (number, published) in DRMS.items():
         rows = []
         for line, known in zip(LINES, published):
@@ -100,7 +100,7 @@ def thesis_000_navigation(store: Path) -> None:
                     None, pooled(d["stinger"], line=line), pooled(d["alone"], line=line)]
             rows.append([line] + beside(ours, known))
         heads = ["Tolles-Lawson", "PLSR", "2c", "online 2c", "stinger", "INS alone"]
-        show(f"Thesis 000, Table {number}: magnetometer {mag[4]}, {chosen}, told {SIGMA[mag]:.0f} nT; DRMS, m", ["line"] + with_published(heads), rows)
+        show(f"Gnadt 2022, Table {number}: magnetometer {mag[4]}, {chosen}, assumed sigma {SIGMA[mag]:.0f} nT; DRMS, m", ["line"] + with_published(heads), rows)
     rows = []
     for mag, known in END_TO_END.items():
         at = {"mag": mag, "line": "1007.06"}
@@ -109,22 +109,22 @@ def thesis_000_navigation(store: Path) -> None:
                 pooled(d["online_boxes"], **at), pooled(d["stinger"], line="1007.06"), pooled(d["alone"], line="1007.06")]
         rows.append([mag[4]] + beside(ours, known))
     heads = ["EKF (here T-L, there 2c)", "adaptive", "adaptive neural", "online 2c", "online T-L", "stinger", "INS alone"]
-    show("Thesis 000, Table 5.10: line 1007.06; DRMS, m", ["mag"] + with_published(heads), rows)
+    show("Gnadt 2022, Table 5.10: line 1007.06; DRMS, m", ["mag"] + with_published(heads), rows)
     at = {"mag": "mag_4_uc", "line": "1007.06"}
     ours = [pooled(d["tl"], sigma=TOLD[5.0], **at), pooled(d["adaptive_4"], told=TOLD[5.0], **at), None]
-    show("Thesis 000, section 5.9.4: magnetometer 4, told 5 nT; DRMS, m", with_published(["EKF", "adaptive", "adaptive neural"]), [beside(ours, TOLD_WRONG)])
+    show("Gnadt 2022, section 5.9.4: magnetometer 4, assumed sigma 5 nT; DRMS, m", with_published(["EKF", "adaptive", "adaptive neural"]), [beside(ours, TOLD_WRONG)])
     rows = []
-    for name, label in [("alone", "INS alone"), ("stinger", "stinger, EKF told 10 nT")]:
+    for name, label in [("alone", "INS alone"), ("stinger", "stinger, EKF, sigma 10 nT")]:
         rows.append([label, "1"] + [pooled(d[name], line=line) for line in LINES] + [pooled(d[name], "nees"), pooled(d[name], "nis")])
     for mag in SIGMA:
-        for name, label, keys in [("tl", "T-L, EKF told 15 nT", {"sigma": TOLD[15.0]}), ("tl", "T-L, EKF told 60 nT", {"sigma": TOLD[60.0]}),
-                                  ("tl", "T-L, EKF told 120 nT", {"sigma": TOLD[120.0]}), ("honest", "T-L, EKF, noise of line 1003.08", {}),
+        for name, label, keys in [("tl", "T-L, EKF, sigma 15 nT", {"sigma": TOLD[15.0]}), ("tl", "T-L, EKF, sigma 60 nT", {"sigma": TOLD[60.0]}),
+                                  ("tl", "T-L, EKF, sigma 120 nT", {"sigma": TOLD[120.0]}), ("honest", "T-L, EKF, noise of line 1003.08", {}),
                                   ("online_boxes", "online T-L from five boxes", {}), ("online_cold", "online T-L, cold", {}),
                                   ("lagged", "fixed lag, cold", {})]:
             x = d[name]
             row = [pooled(x, mag=mag, line=line, **keys) for line in LINES]
             rows.append([label, mag[4]] + row + [pooled(x, m, mag=mag, **keys) for m in ("nees", "nis")])
-    show("All linear models and filters, lines of thesis 000; DRMS, m", ["filter", "mag"] + LINES + ["NEES (2)", "NIS (1)"], rows)
+    show("All linear models and filters, lines of Gnadt 2022; DRMS, m", ["filter", "mag"] + LINES + ["NEES (2)", "NIS (1)"], rows)
 
 
 def thesis_000_2021(store: Path) -> None:
@@ -135,25 +135,25 @@ def thesis_000_2021(store: Path) -> None:
     for mag, known in OTHER_AIRCRAFT.items():
         ours = [pooled(d["any"], "std_uncompensated", mag=mag)] + [pooled(d["any"], "std_error", mag=mag, vector=f"flux_{v}") for v in "acd"]
         rows.append([mag[4]] + beside(ours, known))
-    show("Thesis 000, Table 5.2: another aircraft, line 2005.36; nT", ["mag"] + with_published(["uncompensated", "Flux A", "Flux C", "Flux D"]), rows)
+    show("Gnadt 2022, Table 5.2: another aircraft, line 2005.36; nT", ["mag"] + with_published(["uncompensated", "Flux A", "Flux C", "Flux D"]), rows)
     rows = []
     for line, known in NOT_TRAINED.items():
         where = "at_home" if line == "1007.02" else "abroad"
         ours = [pooled(d[f"{model}_2020_{where}"], "std_error", line=line) for model in ("tl", "pls")] + [None]
         rows.append([line] + beside(ours, known))
     head = ["line"] + with_published(["Tolles-Lawson", "PLSR", "2c"])
-    show("Thesis 000, Table 5.3: models of 2020, magnetometer 4; nT", head, rows)
+    show("Gnadt 2022, Table 5.3: models of 2020, magnetometer 4; nT", head, rows)
     for flights, (number, published) in TRAINED.items():
         rows = []
         for line, known in zip(LINES_2021, published):
             ours = [pooled(d["tl"], "std_error", line=line), pooled(d["pls"], "std_error", line=line, flights=flights), None]
             rows.append([line] + beside(ours, known))
-        show(f"Thesis 000, Table {number}: fitted on {flights} flights of 2021, magnetometer 4; nT", head, rows)
+        show(f"Gnadt 2022, Table {number}: fitted on {flights} flights of 2021, magnetometer 4; nT", head, rows)
     rows = []
     for k in range(18):
         ours = [pooled(d["set"], "std_error", number=f"{k + 1:02}", height=height) for height in ("low", "high")]
         rows.append([str(k + 1)] + beside(ours, [LOW[k], HIGH[k]]))
-    show("Thesis 000, Table 5.8: line 2005.36, calibrated on a manoeuvre set; nT", ["set"] + with_published(["low", "high"]), rows)
+    show("Gnadt 2022, Table 5.8: line 2005.36, calibrated on a manoeuvre set; nT", ["set"] + with_published(["low", "high"]), rows)
     rows = []
     for k in range(18):
         line = f"low.{k + 1:02}"
@@ -161,12 +161,12 @@ def thesis_000_2021(store: Path) -> None:
         rows.append([str(k + 1)] + beside(ours, SETS[k]))
     columns = list(zip(*[row[1:] for row in rows]))
     rows.append(["all"] + [None if None in c else (sum(x * x for x in c) / len(c)) ** 0.5 for c in columns])
-    show("Thesis 000, Table 5.9: navigation through the manoeuvre sets, magnetometer 4; nT, then DRMS, m",
+    show("Gnadt 2022, Table 5.9: navigation through the manoeuvre sets, magnetometer 4; nT, then DRMS, m",
          ["set"] + with_published(["T-L error", "T-L, EKF", "online T-L", "stinger", "INS alone"]), rows)
 
 
 def merit(track: pd.DataFrame) -> float:
-    """(66) of thesis 001 along the positions of a track: pairs of samples at most 1 m and more than 1 s apart."""
+    """(66) of Lee 2019 along the positions of a track: pairs of samples at most 1 m and more than 1 s apart."""
     north, east = track.lat.to_numpy() * 110_720.0, track.lon.to_numpy() * 103_300.0
     z, tt = track.mag_1_uc.to_numpy(), track.tt.to_numpy()
     cells = pd.DataFrame({"row": range(len(track)), "n": (north // 1.0).astype(int), "e": (east // 1.0).astype(int)})
@@ -188,14 +188,14 @@ def thesis_001(store: Path) -> None:
     rows += [[f"SLAM, {how}, as published"] + beside([pooled(by_thesis, m, expected=how) for m in axes], SURVEY[how]) for how in ("regression", "inverse_distance")]
     rows += [["SLAM, defaults"] + beside([pooled(slam, m) for m in axes], [None] * 3)]
     rows += [["SLAM, smoothed"] + beside([pooled(smoothed, m) for m in axes], [None] * 3)]
-    show("Thesis 001, Table 2: 100 minutes with a navigation-grade INS; m", ["method"] + with_published(heads), rows)
+    show("Lee 2019, Table 2: 100 minutes with a navigation-grade INS; m", ["method"] + with_published(heads), rows)
     ins, slam, smoothed = [table(store, f"thesis_001/{name}_scores") for name in ("ins", "slam", "smoothed")]
     rows = []
     for grade, (alone, held) in LOITER.items():
         rows.append([f"{grade}, INS alone"] + beside([pooled(ins, m, grade=grade) for m in axes], alone) + [worst(ins, grade)])
         rows.append([f"{grade}, SLAM"] + beside([pooled(slam, m, grade=grade) for m in axes], held) + [worst(slam, grade)])
         rows.append([f"{grade}, SLAM, smoothed"] + beside([pooled(smoothed, m, grade=grade) for m in axes], [None] * 3) + [worst(smoothed, grade)])
-    show("Thesis 001, Table 11: 14 minutes; m", ["grade"] + with_published(heads) + ["DRMS of each flight"], rows)
+    show("Lee 2019, Table 11: 14 minutes; m", ["grade"] + with_published(heads) + ["DRMS of each flight"], rows)
     keys = ["grade", "flight", "line", "tt"]
     measured = table(store, "thesis_001/loiter")[keys + ["mag_1_uc"]]
     tracks = {name: table(store, f"thesis_001/{name}")[keys + ["lat", "lon"]].merge(measured, on=keys) for name in ("ins", "slam", "smoothed")}
@@ -206,7 +206,7 @@ def thesis_001(store: Path) -> None:
             of_flights = pd.Series([merit(x.sort_values("tt")) for _, x in track[track.grade == grade].groupby("flight")], dtype=float)
             ours.append((of_flights**2).mean() ** 0.5 if len(of_flights) else None)
         rows.append([grade] + beside(ours, known + [None]))
-    show("Thesis 001, Table 12: figure of merit; nT", ["grade"] + with_published(["true track", "INS", "SLAM", "SLAM, smoothed"]), rows)
+    show("Lee 2019, Table 12: figure of merit; nT", ["grade"] + with_published(["true track", "INS", "SLAM", "SLAM, smoothed"]), rows)
 
 
 def worst(d: pd.DataFrame, grade: str) -> str:
@@ -221,13 +221,13 @@ def thesis_001_calibration(store: Path) -> None:
     for line, (raw, calibrated, on) in MERITS.items():
         ours = [pooled(d["raw_merit"], "figure_of_merit_crossings", line=line), pooled(d["merit"], "figure_of_merit_crossings", line=line, on=on)]
         rows.append([line, on] + beside(ours, [raw, calibrated]))
-    show("Thesis 001, Table 7: figure of merit; nT", ["flight", "calibrated on"] + with_published(["raw", "calibrated"]), rows)
+    show("Lee 2019, Table 7: figure of merit; nT", ["flight", "calibrated on"] + with_published(["raw", "calibrated"]), rows)
     of = {"raw": ("tl_own_scores", "std_uncompensated", {}), "TL": ("tl_own_scores", "std_error", {}), "MTL": ("mtl_own_scores", "std_error", {}),
           "TLL": ("tls_own_scores", "std_error", {"slope": "slope"}), "TLQ": ("tls_own_scores", "std_error", {"slope": "slope_quadratic"}),
           "MTLL": ("mtll_own_scores", "std_error", {})}
     rows = [[model] + beside([pooled(d[name], metric, on=on, **keys) for on in ("b", "d")], RESIDUALS[model])
             for model, (name, metric, keys) in of.items()]
-    show("Thesis 001, Table 14: what is left; nT", ["model"] + with_published(["squares", "grid"]), rows)
+    show("Lee 2019, Table 14: standard deviation of the residual; nT", ["model"] + with_published(["squares", "grid"]), rows)
 
 
 if __name__ == "__main__":
