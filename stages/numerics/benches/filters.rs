@@ -255,6 +255,7 @@ fn main() -> Result<(), Failure> {
         errors: InsErrorModel::default(),
         offset_window_s: 0.0,
         fixes: None,
+        second_order: false,
     };
     println!("ins: {:.0} m DRMS", drms_m(&flight.truth, &flight.ins.columns[1], &flight.ins.columns[2]));
     known_field(&flight, &line)?;

@@ -106,6 +106,7 @@ impl Flight {
             offset_window_s: 0.0,
             fixes: None,
             aids: Aids::default(),
+            second_order: false,
         };
         let magnetometer =
             Magnetometer { measurement_nt, sigma_nt: &sigma_nt, terms: &self.terms, prior, walk_density };
@@ -347,6 +348,7 @@ fn law_an_online_network_follows_an_aircraft_that_changes() {
                 errors: InsErrorModel::default(),
                 offset_window_s: 0.0,
                 fixes: None,
+                second_order: false,
             };
             let parameters = OnlineParameters { keep_states: true, ..OnlineParameters::default() };
             let output = nn_run(&line, &network, &features, prior, &Aids::default(), &parameters).unwrap();
@@ -389,6 +391,7 @@ fn unit_time_of_a_step() {
         offset_window_s: 0.0,
         fixes: None,
         aids: Aids::default(),
+        second_order: false,
     };
     let prior = CoefficientPrior::independent(&[0.0; 18], &[40.0; 18]);
     let sigma_nt = vec![5.0; SAMPLES as usize];

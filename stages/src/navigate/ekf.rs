@@ -118,6 +118,7 @@ impl Ekf {
             measurement_sigma_nt: flown.measurement_sigma_nt,
             offset_window_s: flown.offset_window_s,
             gate_nis: self.gate_nis,
+            second_order: flown.second_order,
             keep_states: self.save_state,
             keep_covariance: self.save_state,
         }

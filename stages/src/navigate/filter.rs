@@ -65,6 +65,8 @@ pub struct Flown<'a> {
     pub map_sigma_nt: Option<Vec<f64>>,
     /// Positions by GNSS, tested, for a filter that takes them ([`NavigationFilter::aiding`]).
     pub gnss: Option<Gnss>,
+    /// Counts the curvature of the map over the position's uncertainty as noise of the measurement.
+    pub second_order: bool,
     /// The number of magnetometers in each of `measured_nt`.
     pub(super) counts: Vec<f64>,
     /// The fate of measurements that no filter gets; empty where it gets all.
@@ -112,6 +114,7 @@ impl Flown<'_> {
             errors: self.errors,
             offset_window_s: self.offset_window_s,
             fixes: None,
+            second_order: self.second_order,
         })
     }
 

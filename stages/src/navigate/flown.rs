@@ -166,6 +166,7 @@ fn flown<'a>(
         sample_sigma_nt: stage.sample_sigma_nt(batch)?,
         map_sigma_nt: None,
         gnss: None,
+        second_order: stage.is_auto(),
         counts: vec![],
         left_out: vec![],
         tuned: None,

@@ -339,12 +339,16 @@ impl Filter<'_> {
         };
         let at = estimate.linearised(Sensitivity::of(&field));
         let expected_nt = field.value_nt + temporal_nt;
+        let curvature_nt2 =
+            self.field.curvature_nt2(self.line.ins, row, [lat, lon, alt], field.value_nt, estimate.horizontal());
         let mut fusion = Fusion::default();
+        let predicted_nt2 = at.variance + curvature_nt2;
         for learner in &mut self.learners {
-            learner.innovate(row, expected_nt, at.variance, &mut fusion);
+            learner.innovate(row, expected_nt, predicted_nt2, &mut fusion);
         }
-        self.learners.iter_mut().for_each(|learner| learner.settle(at.variance, &fusion));
+        self.learners.iter_mut().for_each(|learner| learner.settle(predicted_nt2, &fusion));
         let (residual_nt, noise_nt2) = fusion.mean();
+        let noise_nt2 = noise_nt2 + curvature_nt2;
         let nis = residual_nt * residual_nt / (at.variance + noise_nt2);
         if fusion.is_used() {
             self.navigation.report.updates += 1;

@@ -7,7 +7,7 @@
 use crate::navigation::ins_error::InsErrorModel;
 use crate::navigation::ins_series::InsSeries;
 use crate::navigation::output::{Innovation, NavigationError, NavigationOutput};
-use crate::navigation::pinson::{PinsonForm, STATES, StateMatrix, StateVector, TimeConstants, pinson_matrix};
+use crate::navigation::pinson::{LAT, LON, PinsonForm, STATES, StateMatrix, StateVector, TimeConstants, pinson_matrix};
 use crate::navigation::position_fixes::StateFix;
 use crate::navigation::sensitivity::{MEASURED, Sensitivity, add_scaled, measured_states, mirror};
 use crate::navigation::transition::{NoiseDiscretisation, propagate_state, step_covariance, transition_matrix};
@@ -86,6 +86,12 @@ impl Estimate {
         self.x = propagate_state(&phi, &self.x);
         self.p = step_covariance(&self.p, &f, &phi, &model.density, dt_s, model.noise);
         phi
+    }
+
+    /// The covariance of latitude, that of latitude and longitude, and that of longitude, in rad².
+    #[inline(always)]
+    pub(crate) fn horizontal(&self) -> [f64; 3] {
+        [self.p[LAT][LAT], self.p[LAT][LON], self.p[LON][LON]]
     }
 
     /// A measurement of the row H.

@@ -7,18 +7,28 @@ use crate::earth::field_value::FieldValue;
 use crate::maps::map_stack::FieldMap;
 use crate::navigation::ins_series::InsSeries;
 
+/// Interval of divided differences, in standard deviations: its square is the kurtosis of a normal distribution.
+const INTERVAL: f64 = 1.732_050_807_568_877_2;
+
 /// The map and the core field of one date. The core field is linearised about a point near the last position asked for,
 /// so a copy a thread is needed, and its answers do not depend on the order of the positions beyond 1e-3 nT.
 #[derive(Clone, Debug)]
 pub struct PredictedField<'a> {
     map: &'a FieldMap,
     core: Option<LinearisedCoreField>,
+    second_order: bool,
 }
 
 impl<'a> PredictedField<'a> {
     /// The field of a map, and of a core field where there is one.
     pub fn new(map: &'a FieldMap, core: Option<&Arc<CoreField>>) -> Self {
-        Self { map, core: core.map(|core| LinearisedCoreField::new(core.clone())) }
+        Self { map, core: core.map(|core| LinearisedCoreField::new(core.clone())), second_order: false }
+    }
+
+    /// The field whose [`PredictedField::curvature_nt2`] counts, or not.
+    #[must_use]
+    pub fn with_second_order(self, second_order: bool) -> Self {
+        Self { second_order, ..self }
     }
 
     /// The field in nT and its gradient (nT/rad, nT/rad, nT/m) at a geodetic position in degrees and metres above the
@@ -36,6 +46,22 @@ impl<'a> PredictedField<'a> {
         let lat_deg = ins.lat_deg[row] + error[0].to_degrees();
         let lon_deg = ins.lon_deg[row] + error[1].to_degrees();
         self.at(lat_deg, lon_deg, ins.alt_m[row] + error[2])
+    }
+
+    /// The [`remainder_nt2`] of the field over the uncertainty of a position; 0 without [`PredictedField::with_second_order`].
+    #[inline]
+    pub fn curvature_nt2(
+        &mut self,
+        ins: &InsSeries<'_>,
+        row: usize,
+        [lat, lon, alt]: [f64; 3],
+        centre_nt: f64,
+        covariance: [f64; 3],
+    ) -> f64 {
+        if !self.second_order {
+            return 0.0;
+        }
+        remainder_nt2(covariance, centre_nt, |north, east| self.at_error(ins, row, [lat + north, lon + east, alt]))
     }
 
     /// The mean of measurement minus prediction at the INS position over the first `window_s` seconds, in nT, and the
@@ -57,5 +83,48 @@ impl<'a> PredictedField<'a> {
             }
         }
         if samples == 0 { (0.0, 0) } else { (sum_nt / samples as f64, samples) }
+    }
+}
+
+/// Variance, in nT², of the part of a field that its slope does not describe, over the uncertainty of a position: by
+/// second-order divided differences along the columns of the Cholesky factor of the covariance [Nørgaard, Poulsen and Ravn
+/// 2000, DD2]. `covariance` has the variance of latitude, the covariance with longitude, and the variance of longitude, in
+/// rad²; `field_at` takes an error of latitude and longitude. A column that leaves the map counts 0.
+#[inline]
+pub(crate) fn remainder_nt2(
+    [lat, both, lon]: [f64; 3],
+    centre_nt: f64,
+    mut field_at: impl FnMut(f64, f64) -> Option<FieldValue>,
+) -> f64 {
+    let first = lat.max(0.0).sqrt();
+    let both = if first > 0.0 { both / first } else { 0.0 };
+    let second = (lon - both * both).max(0.0).sqrt();
+    let mut variance_nt2 = 0.0;
+    for [north, east] in [[first, both], [0.0, second]] {
+        let mut at = |by: f64| field_at(by * north, by * east);
+        if let (Some(ahead), Some(behind)) = (at(INTERVAL), at(-INTERVAL)) {
+            let second_nt = ahead.value_nt + behind.value_nt - 2.0 * centre_nt;
+            variance_nt2 += second_nt * second_nt * (INTERVAL * INTERVAL - 1.0) / (4.0 * INTERVAL.powi(4));
+        }
+    }
+    variance_nt2
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn law_the_remainder_of_a_quadratic_field_is_its_variance() {
+        // Var[a x²/2 + b y²/2] = a² p² / 2 + b² q² / 2 of independent normal x and y of variances p and q.
+        let (a, b, p, q) = (3.0, -5.0, 0.04, 0.09);
+        let field = |x: f64, y: f64| {
+            let value_nt = 7.0 + 2.0 * x - y + 0.5 * (a * x * x + b * y * y);
+            Some(FieldValue { value_nt, d_lat_nt_per_rad: 2.0, d_lon_nt_per_rad: -1.0, d_alt_nt_per_m: 0.0 })
+        };
+        let expected = 0.5 * (a * a * p * p + b * b * q * q);
+        assert!((remainder_nt2([p, 0.0, q], 7.0, field) - expected).abs() < 1e-12);
+        assert_eq!(remainder_nt2([0.0, 0.0, 0.0], 7.0, field), 0.0);
+        assert_eq!(remainder_nt2([p, 0.0, q], 7.0, |_, _| None), 0.0);
     }
 }

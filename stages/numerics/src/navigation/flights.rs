@@ -74,7 +74,17 @@ impl Flight {
     ) -> NavigationLine<'a> {
         let World { map, core } = world();
         let (errors, core) = (self.model, Some(core));
-        NavigationLine { ins, measurement_nt, sigma_nt, map, core, errors, offset_window_s: 0.0, fixes: None }
+        NavigationLine {
+            ins,
+            measurement_nt,
+            sigma_nt,
+            map,
+            core,
+            errors,
+            offset_window_s: 0.0,
+            fixes: None,
+            second_order: false,
+        }
     }
 
     /// The truth.
@@ -187,7 +197,17 @@ impl Small {
         errors: InsErrorModel,
     ) -> NavigationLine<'a> {
         let (measurement_nt, sigma_nt) = (&self.measurement_nt, &self.sigma_nt);
-        NavigationLine { ins, measurement_nt, sigma_nt, map, core: None, errors, offset_window_s: 0.0, fixes: None }
+        NavigationLine {
+            ins,
+            measurement_nt,
+            sigma_nt,
+            map,
+            core: None,
+            errors,
+            offset_window_s: 0.0,
+            fixes: None,
+            second_order: false,
+        }
     }
 
     /// The rows for which `keeps` holds.

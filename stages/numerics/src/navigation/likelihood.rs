@@ -182,8 +182,7 @@ impl Likelihood<'_> {
         let ins = self.thinned.ins();
         let mut outputs = vec![];
         for some in points.chunks(TOGETHER) {
-            let parameters: Vec<EkfParameters> =
-                some.iter().map(|point| parameters(&line.errors, line.offset_window_s, *point)).collect();
+            let parameters: Vec<EkfParameters> = some.iter().map(|point| parameters(line, *point)).collect();
             let sigma_nt: Vec<Vec<f64>> = some
                 .iter()
                 .map(|[sigma_nt, ..]| {
@@ -315,21 +314,19 @@ pub(super) fn deviance(residual: f64, nis: f64, most_nis: f64) -> Option<f64> {
 /// that is not distinguished from none.
 fn correlation_factor(output: &NavigationOutput) -> f64 {
     const SMALLEST: f64 = 1.3;
-    let innovations = output.residual_nt.iter().zip(&output.nis).filter(|(_, nis)| nis.is_finite() && **nis <= GATE_NIS);
+    let innovations =
+        output.residual_nt.iter().zip(&output.nis).filter(|(_, nis)| nis.is_finite() && **nis <= GATE_NIS);
     let normalised: Vec<f64> = innovations.map(|(residual, nis)| nis.sqrt().copysign(*residual)).collect();
     let factor = normalised.len() as f64 / effective_samples(&normalised);
     if factor >= SMALLEST { factor } else { 1.0 }
 }
 
-fn parameters(
-    errors: &InsErrorModel,
-    offset_window_s: f64,
-    [sigma_nt, fogm_sigma_nt, fogm_tau_s]: Point,
-) -> EkfParameters {
+fn parameters(line: &NavigationLine<'_>, [sigma_nt, fogm_sigma_nt, fogm_tau_s]: Point) -> EkfParameters {
     EkfParameters {
-        errors: InsErrorModel { fogm_sigma_nt, fogm_tau_s, ..*errors },
+        errors: InsErrorModel { fogm_sigma_nt, fogm_tau_s, ..line.errors },
         measurement_sigma_nt: sigma_nt,
-        offset_window_s,
+        offset_window_s: line.offset_window_s,
+        second_order: line.second_order,
         gate_nis: Some(GATE_NIS),
         keep_states: false,
         keep_covariance: false,

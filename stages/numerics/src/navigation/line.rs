@@ -35,6 +35,8 @@ pub struct NavigationLine<'a> {
     pub offset_window_s: f64,
     /// Positions from elsewhere, each used before the measurement of its sample.
     pub fixes: Option<&'a PositionFixes>,
+    /// Counts the curvature of the map over the position's uncertainty as noise of the measurement.
+    pub second_order: bool,
 }
 
 /// A step of the 18 states: x ← Φ x + w, w ~ N(0, Q).
@@ -77,7 +79,7 @@ impl<'a> NavigationLine<'a> {
 
     /// The field to predict.
     pub fn predicted(&self) -> PredictedField<'a> {
-        PredictedField::new(self.map, self.core)
+        PredictedField::new(self.map, self.core).with_second_order(self.second_order)
     }
 
     /// The measurement of a row less an offset, in nT, and its variance, in nT²; `None` where it is missing.

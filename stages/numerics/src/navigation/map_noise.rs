@@ -79,6 +79,9 @@ impl Recursion for Filter<'_> {
             return Innovation::NONE;
         };
         let residual_nt = value_nt - (field.value_nt + temporal_nt);
+        let covariance = estimate.horizontal();
+        let variance_nt2 =
+            variance_nt2 + self.field.curvature_nt2(self.line.ins, row, [lat, lon, alt], field.value_nt, covariance);
         let at = estimate.linearised(Sensitivity::of(&field));
         estimate.correct(&at, residual_nt, variance_nt2 + sigma_nt * sigma_nt);
         Innovation::NONE

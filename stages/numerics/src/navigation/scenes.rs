@@ -101,6 +101,7 @@ impl Scene {
             errors: self.errors,
             offset_window_s: 0.0,
             fixes: self.fixes.as_ref(),
+            second_order: false,
         })
     }
 }

@@ -2,7 +2,7 @@
 
 use crate::earth::field_value::FieldValue;
 use crate::navigation::aids::{AidStates, Aids, Linear, SampleInnovations, Usage};
-use crate::navigation::field::PredictedField;
+use crate::navigation::field::{PredictedField, remainder_nt2};
 use crate::navigation::gaussian::{Gaussian, Layout, Sensitivity, add_scaled};
 use crate::navigation::line::NavigationLine;
 use crate::navigation::output::{Innovation, NavigationError, NavigationOutput};
@@ -354,6 +354,15 @@ impl<'a> Filter<'a> {
                     *last = regression.remainder_nt2.sqrt();
                 }
             }
+        }
+        if self.line.second_order && self.parameters.linearisation == Linearisation::Once {
+            let dim = self.now.dim();
+            let covariance = [[LAT, LAT], [LAT, LON], [LON, LON]].map(|[row, column]| self.now.p[row * dim + column]);
+            let [lat, lon, alt] = position;
+            let field = &mut self.field;
+            found.remainder_nt2 = remainder_nt2(covariance, centre.value_nt, |north, east| {
+                look_up(field, [lat + north, lon + east, alt])
+            });
         }
         let residual_nt = of.value_nt - (found.mean_nt + of.own(&self.now.x));
         Regressed { row: of.row(found.slope), residual_nt, remainder_nt2: found.remainder_nt2 }

@@ -35,7 +35,7 @@ impl<'a> Filter<'a> {
     pub(super) fn new(point: EkfPoint<'a>, ins: &InsSeries<'_>) -> Self {
         let (parameters, errors) = (point.parameters, &point.parameters.errors);
         let mut filter = Self {
-            field: PredictedField::new(point.map, point.core),
+            field: PredictedField::new(point.map, point.core).with_second_order(parameters.second_order),
             fogm: GaussMarkov { sigma: errors.fogm_sigma_nt, tau_s: errors.fogm_tau_s },
             offset_nt: 0.0,
             output: NavigationOutput::with_capacity(ins.len(), parameters.keep_states, parameters.keep_covariance),
@@ -257,10 +257,17 @@ impl<'a, S: Simd> Pack<'a, S> {
         };
         let ph = h.covariances(simd, &self.p);
         // A lane without a measurement is not corrected; its variance only must not be zero.
-        let variance = from_lanes(simd, |at| match (self.filters.get(at), fields.get(at)) {
-            (Some(filter), Some(Some(_))) => filter.variance_nt2(row),
-            _ => 1.0,
-        });
+        let mut noise_nt2 = [1.0; MOST_LANES];
+        for (at, (filter, field)) in self.filters.iter_mut().zip(&fields).enumerate() {
+            if let Some((_, field)) = field {
+                let error = [LAT, LON, ALT].map(|state| lane::<S>(&self.x[state], at));
+                let of = |[row, column]: [usize; 2]| lane::<S>(&self.p[row][column], at);
+                let covariance = [[LAT, LAT], [LAT, LON], [LON, LON]].map(of);
+                let curvature_nt2 = filter.field.curvature_nt2(ins, row, error, field.value_nt, covariance);
+                noise_nt2[at] = filter.variance_nt2(row) + curvature_nt2;
+            }
+        }
+        let variance = from_lanes(simd, |at| noise_nt2.get(at).copied().unwrap_or(1.0));
         let variances = h.innovation_variances(simd, &ph, variance);
         let mut used = [0.0; MOST_LANES];
         for (at, (filter, field)) in self.filters.iter_mut().zip(&fields).enumerate() {

@@ -17,6 +17,8 @@ pub struct EkfParameters {
     /// A measurement whose squared residual over its variance is above this is left out and
     /// counted; `None` uses every one. 10.83 leaves out one good measurement in a thousand.
     pub gate_nis: Option<f64>,
+    /// Counts the curvature of the map over the position's uncertainty as noise of the measurement.
+    pub second_order: bool,
     /// Hand out the error states of every sample (144 bytes each).
     pub keep_states: bool,
     /// Hand out the covariance of every sample (2.6 kB each).
@@ -30,6 +32,7 @@ impl Default for EkfParameters {
             measurement_sigma_nt: 5.0,
             offset_window_s: 0.0,
             gate_nis: None,
+            second_order: false,
             keep_states: true,
             keep_covariance: false,
         }

@@ -60,6 +60,9 @@ impl Recursion for Filter<'_> {
         let [lat, lon, alt, temporal_nt] = estimate.measured();
         let Some(field) = self.field.at_error(self.line.ins, row, [lat, lon, alt]) else { return Innovation::NONE };
         let residual_nt = value_nt - (field.value_nt + temporal_nt);
+        let covariance = estimate.horizontal();
+        let variance_nt2 =
+            variance_nt2 + self.field.curvature_nt2(self.line.ins, row, [lat, lon, alt], field.value_nt, covariance);
         let at = estimate.linearised(Sensitivity::of(&field));
         let nis = residual_nt * residual_nt / (at.variance + variance_nt2);
         if nis > GATE_NIS && self.in_a_row < RECOVERED_AFTER {

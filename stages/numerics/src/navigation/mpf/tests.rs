@@ -126,6 +126,7 @@ impl Scene {
                 errors,
                 offset_window_s: 0.0,
                 fixes: None,
+                second_order: false,
             },
             &Aids::default(),
         )

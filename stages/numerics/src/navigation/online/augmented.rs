@@ -43,19 +43,21 @@ pub struct LineModel<'a> {
     /// Measurements beside the magnetometers, each used after them. Where the map is too flat, a magnetometer corrects the
     /// temporal variation, the map's error and the aircraft's field alone.
     pub aids: Aids<'a>,
+    /// As [`NavigationLine::second_order`].
+    pub second_order: bool,
 }
 
 impl<'a> LineModel<'a> {
     /// Of a line, whose own measurement is left out.
     pub fn of(line: &NavigationLine<'a>) -> Self {
-        let NavigationLine { ins, map, core, errors, offset_window_s, fixes, .. } = *line;
-        Self { ins, map, core, errors, offset_window_s, fixes, aids: Aids::default() }
+        let NavigationLine { ins, map, core, errors, offset_window_s, fixes, second_order, .. } = *line;
+        Self { ins, map, core, errors, offset_window_s, fixes, second_order, aids: Aids::default() }
     }
 
     /// With a magnetometer's measurement and its standard deviation, in nT.
     pub(crate) fn with(&self, measurement_nt: &'a [f64], sigma_nt: &'a [f64]) -> NavigationLine<'a> {
-        let Self { ins, map, core, errors, offset_window_s, fixes, .. } = *self;
-        NavigationLine { ins, measurement_nt, sigma_nt, map, core, errors, offset_window_s, fixes }
+        let Self { ins, map, core, errors, offset_window_s, fixes, second_order, .. } = *self;
+        NavigationLine { ins, measurement_nt, sigma_nt, map, core, errors, offset_window_s, fixes, second_order }
     }
 }
 

@@ -68,6 +68,7 @@ impl Flight {
             errors: self.errors,
             offset_window_s: 0.0,
             fixes: None,
+            second_order: false,
         };
         run(&line, &SmootherParameters { loss, ..SmootherParameters::default() }).unwrap()
     }

@@ -155,6 +155,7 @@ fn figures(flights: &[Flown], map: &FieldMap, told: Option<Told>, scalar: bool, 
             errors: flight.model,
             offset_window_s: 0.0,
             fixes: None,
+            second_order: false,
         };
         let bias = GaussMarkov { sigma: 0.02, tau_s: 3600.0 };
         let slope = SlopeError::default();

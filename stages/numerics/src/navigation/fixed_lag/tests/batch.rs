@@ -70,6 +70,7 @@ impl Linear {
             errors: InsErrorModel::of(sources),
             offset_window_s: 0.0,
             fixes: None,
+            second_order: false,
         }
     }
 

@@ -145,6 +145,7 @@ impl Flight {
             errors: InsErrorModel::default(),
             offset_window_s: 0.0,
             fixes: None,
+            second_order: false,
         }
     }
 

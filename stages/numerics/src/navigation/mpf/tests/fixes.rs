@@ -37,6 +37,7 @@ fn with_fixes(scene: &Scene, fixes: &PositionFixes, parameters: &MpfParameters) 
         errors: scene.errors,
         offset_window_s: 0.0,
         fixes: Some(fixes),
+        second_order: false,
     };
     run(parameters, &line, &Aids::default()).unwrap()
 }

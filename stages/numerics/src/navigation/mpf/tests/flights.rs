@@ -47,6 +47,7 @@ impl Flight {
             errors: *model,
             offset_window_s: 0.0,
             fixes: None,
+            second_order: false,
         };
         run(&MpfParameters { keep_states: true, ..parameters }, &line, &Aids::default()).unwrap()
     }

@@ -127,7 +127,10 @@ impl<'a, M: AircraftModel> Filter<'a, M> {
             c_by_row: Vec::with_capacity(kept),
             c_sigma_by_row: Vec::with_capacity(kept),
         };
-        let (predicted, readings) = (PredictedField::new(line.map, line.core), vec![Reading::Missing; lines.len()]);
+        let (predicted, readings) = (
+            PredictedField::new(line.map, line.core).with_second_order(line.second_order),
+            vec![Reading::Missing; lines.len()],
+        );
         let (line, parameters, density) = (*line, *parameters, errors.noise_density());
         Self {
             line,
@@ -324,6 +327,11 @@ impl<'a, M: AircraftModel> Filter<'a, M> {
             return f64::NAN;
         }
         let field = self.predicted.at_error(self.line.ins, row, [self.x[LAT], self.x[LON], self.x[ALT]]);
+        let error = [LAT, LON, ALT].map(|state| self.x[state]);
+        let covariance = [[LAT, LAT], [LAT, LON], [LON, LON]].map(|[row, column]| self.p.at(row, column));
+        let mut remainder_nt2 =
+            |at: &FieldValue| self.predicted.curvature_nt2(self.line.ins, row, error, at.value_nt, covariance);
+        let remainder_nt2 = field.as_ref().map_or(0.0, &mut remainder_nt2);
         let rows = self.scratch.h.chunks_exact_mut(self.p.stride());
         for (reading, h) in self.readings.iter_mut().zip(rows) {
             let Reading::Residual(nt, variance_nt2) = *reading else { continue };
@@ -332,7 +340,7 @@ impl<'a, M: AircraftModel> Filter<'a, M> {
                 continue;
             };
             (h[LAT], h[LON], h[ALT]) = (d_lat_nt_per_rad, d_lon_nt_per_rad, d_alt_nt_per_m);
-            *reading = Reading::Residual(nt - value_nt, variance_nt2);
+            *reading = Reading::Residual(nt - value_nt, variance_nt2 + remainder_nt2);
         }
         field.filter(|_| asked).map_or(f64::NAN, |at| self.lines[0].slope_nt_per_m(row, &at))
     }

@@ -80,6 +80,7 @@ fn law_on_a_linear_map_it_is_least_squares_of_the_whole_line() {
         errors: flight.errors,
         offset_window_s: 0.0,
         fixes: None,
+        second_order: false,
     };
     let mut first = DMatrix::zeros(states, states);
     let p0 = flight.errors.initial_covariance(line.ins.lat_deg[0].to_radians(), line.ins.alt_m[0]);

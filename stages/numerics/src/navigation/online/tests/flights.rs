@@ -126,6 +126,7 @@ impl Flight {
             offset_window_s: 0.0,
             fixes: None,
             aids: Aids::default(),
+            second_order: false,
         }
     }
 
