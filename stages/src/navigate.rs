@@ -110,18 +110,21 @@ core_field      = false
     core_field: bool, unit "", default true;
     /// Subtracts the column `diurnal` from the measurement, so that the filter need not estimate the temporal
     /// variation. A sample with a NaN in `diurnal` has no measurement.
-    remove_diurnal: Option<bool>, unit "", absent "true if the flight has the column and the measurement still contains it";
+    remove_diurnal: Option<bool>, unit "",
+        absent "true if the flight has the column and the measurement still contains it";
     /// Date of the core field as a decimal year. Replaces the flight's date.
     decimal_year: Option<f64>, unit "a", absent "the flight's own date", rule Rule::Between(1900.0, 2030.0);
     /// Interpolation of the map: bilinear, or natural cubic spline.
     map_interpolation: Interpolation, unit "", default Interpolation::Linear;
     /// Heights above the ellipsoid, ascending, to which the map is continued. Between them the map is interpolated
     /// linearly.
-    map_levels_m: Option<Vec<f64>>, unit "m", absent "continued to the flight heights with `tuning = \"auto\"`, else used at its own height";
+    map_levels_m: Option<Vec<f64>>, unit "m",
+        absent "continued to the flight heights with `tuning = \"auto\"`, else used at its own height";
     /// Correlation length of the map error, for a map with the column `error` (`map_grid`, `track_map`); typically the
     /// spacing of its survey lines. The equivalent white noise is added to the measurement noise of each sample. An
     /// extended Kalman filter predicts the position at which the error is read.
-    map_error_length_m: Option<f64>, unit "m", absent "with `tuning = \"auto\"` the likelihood gives the weight of the column `error`, else the map is exact", rule Rule::Positive;
+    map_error_length_m: Option<f64>, unit "m",
+        absent "with `tuning = \"auto\"` the likelihood gives the weight of the column `error`, else the map is exact", rule Rule::Positive;
     /// Length of the window from the start of a line over which the mean of measurement minus prediction is computed.
     /// This offset is subtracted before filtering, because compensation leaves a constant undetermined. 0 subtracts
     /// nothing.
@@ -219,8 +222,9 @@ impl Navigate {
         notes.extend(self.start_note(shape));
         notes.extend(note(shape, self.magnetometers(), Correction::Diurnal, self.remove_diurnal));
         if self.remove_diurnal.is_none() && self.removes_diurnal(shape) {
-            notes
-                .push(format!("`{DIURNAL}` is subtracted from the measurement; set `remove_diurnal = false` to keep it"));
+            notes.push(format!(
+                "`{DIURNAL}` is subtracted from the measurement; set `remove_diurnal = false` to keep it"
+            ));
         }
         for (three, from) in [(VELOCITY, "INS positions"), (FORCE, "INS velocities"), (ATTITUDE, "the course, level")] {
             let missing: Vec<&str> = three.into_iter().filter(|c| shape.get(c).is_none()).collect();
@@ -387,7 +391,9 @@ impl Navigate {
             faults.push(Fault::new(what));
         }
         if map && !filter.takes_map() {
-            faults.push(Fault::new(format!("the filter `{name}` uses no map; remove the map from the stage")).of_param("map"));
+            faults.push(
+                Fault::new(format!("the filter `{name}` uses no map; remove the map from the stage")).of_param("map"),
+            );
         }
         if models && !filter.takes_models() {
             faults.push(Fault::new(format!("the filter `{name}` uses no model; remove `model`")).of_param("model"));

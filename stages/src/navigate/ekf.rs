@@ -21,11 +21,12 @@ filter! {
     ///
     /// Source: Gnadt 2022, section 5.3, with F and H verified by finite differences and the process noise discretised.
     Ekf = "ekf", version 3, groups [aiding: Aiding, further: Further], example "discretisation = \"trapezoidal\"";
-    /// Append the state `x` and its covariance `p` (row-major).
+    /// Appends the state `x` and its covariance `p` (row-major).
     save_state: bool, unit "", default false;
-    /// A measurement whose squared innovation over its variance is above this is not used.
-    gate_nis: Option<f64>, unit "1", absent "outliers are rejected before the filter, or none with `tuning = \"magnav\"`", rule Rule::Positive;
-    /// How the process noise becomes a step's covariance: to second order, to first order as MagNav.jl, or exactly.
+    /// Largest NIS (squared innovation over its variance) of a measurement. Larger ones are rejected.
+    gate_nis: Option<f64>, unit "1",
+        absent "no gate; `tuning = \"auto\"` rejects outliers before the filter", rule Rule::Positive;
+    /// Discretisation of the process noise: to second order, to first order as in MagNav.jl, or exact.
     discretisation: NoiseDiscretisation, unit "", default NoiseDiscretisation::Trapezoidal;
 }
 

@@ -3,7 +3,8 @@
 //! minus the diurnal variation where it is removed; NaN where missing. It contains the core field if and only if `core`
 //! is given. With several magnetometers, their mean.
 //!
-//! A filter is one file: its declaration by [`filter!`](crate::filter!), its run, its tests; and one line in [`FILTERS`](super::FILTERS).
+//! A filter is one file with its declaration by [`filter!`](crate::filter!), its run and its tests, and one line in
+//! [`FILTERS`](super::FILTERS).
 
 use std::{any::Any, sync::Arc};
 

@@ -50,12 +50,13 @@ filter! {
     /// Maximum number of iterations per window.
     iterations: usize, unit "", default 15usize;
     /// Standard deviation of the slow aircraft field that its coefficients do not explain; 0 for none.
-    aircraft_sigma_nt: Option<f64>, unit "nT", absent "30.0, or 0 if `tuning = \"auto\"` estimates the noise of the line, which then includes it", rule Rule::NotNegative;
+    aircraft_sigma_nt: Option<f64>, unit "nT",
+        absent "30.0, or 0 if `tuning = \"auto\"` estimates the noise of the line, which then includes it", rule Rule::NotNegative;
     /// Time constant of that slow aircraft field.
     aircraft_tau_s: f64, unit "s", default 300.0, rule Rule::Positive;
     /// Random walk of every coefficient in one hour, as a fraction of its prior standard deviation; 0 for constants.
     walk_per_hour: f64, unit "1", default 0.0, rule Rule::NotNegative;
-    /// How the process noise becomes a step's covariance: to second order, to first order as MagNav.jl, or exactly.
+    /// Discretisation of the process noise: to second order, to first order as in MagNav.jl, or exact.
     discretisation: NoiseDiscretisation, unit "", default NoiseDiscretisation::Trapezoidal;
 }
 
@@ -91,9 +92,10 @@ impl NavigationFilter for FixedLag {
                 let fault = Fault::new("`loss_scale` has no effect with `loss = \"none\"`");
                 Some(fault.help("remove it, or set `loss` to `huber` or `cauchy`"))
             }
-            "aircraft_tau_s" if self.aircraft_sigma_nt == Some(0.0) => {
-                Some(Fault::new("`aircraft_tau_s` has no effect with `aircraft_sigma_nt = 0.0`").help("remove it, or set `aircraft_sigma_nt` above 0"))
-            }
+            "aircraft_tau_s" if self.aircraft_sigma_nt == Some(0.0) => Some(
+                Fault::new("`aircraft_tau_s` has no effect with `aircraft_sigma_nt = 0.0`")
+                    .help("remove it, or set `aircraft_sigma_nt` above 0"),
+            ),
             _ => self.aiding.idle(key).or_else(|| self.further.idle(key)),
         }
     }
@@ -189,8 +191,8 @@ mod tests {
 
     #[test]
     fn unit_keys_without_a_say_are_told() {
-        assert_refused("fixed_lag", "loss_scale = 2.0", "belongs to the losses");
-        assert_refused("fixed_lag", "aircraft_sigma_nt = 0.0\naircraft_tau_s = 9.0", "no say");
+        assert_refused("fixed_lag", "loss_scale = 2.0", "no effect with `loss");
+        assert_refused("fixed_lag", "aircraft_sigma_nt = 0.0\naircraft_tau_s = 9.0", "no effect");
         assert_refused("fixed_lag", "overlap = 1.0", "overlap");
     }
 }

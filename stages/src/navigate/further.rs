@@ -139,8 +139,9 @@ impl Further {
             let found = flight.shape.number(height, "m");
             if found.is_ok() && flight.shape.get(height).is_some_and(|column| column.role == Role::Truth) {
                 let what = format!("`{height}` is a truth column, not a measured height");
-                faults
-                    .push(Fault::new(what).of_param("height").help("name the column of a barometer or radar, such as `baro`"));
+                faults.push(
+                    Fault::new(what).of_param("height").help("name the column of a barometer or radar, such as `baro`"),
+                );
             }
             faults.extend(faults_of([found], "height"));
             reads.push(height.clone());
@@ -181,7 +182,11 @@ impl Further {
         }
         if self.vector_sigma_nt.is_some() {
             columns.push(Column::float("vector_residual", "nT", "magnitude of the innovation of the vector"));
-            columns.push(Column::float("vector_nis", "1", "mean normalised innovation squared of the components of the vector"));
+            columns.push(Column::float(
+                "vector_nis",
+                "1",
+                "mean normalised innovation squared of the components of the vector",
+            ));
         }
         if self.height.is_some() {
             columns.push(Column::float("height_residual", "m", "innovation of the height"));
@@ -203,17 +208,18 @@ impl Further {
         if self.use_scalar {
             return self.no_latency();
         }
-        Err(vec![
-            Fault::new(format!("without the scalar field {what_for} cannot be estimated"))
-                .of_param("use_scalar"),
-        ])
+        Err(vec![Fault::new(format!("without the scalar field {what_for} cannot be estimated")).of_param("use_scalar")])
     }
 
     /// Rejects a delay of the magnetometer in a filter that does not estimate it.
     pub(super) fn no_latency(&self) -> Result<Vec<String>, Vec<Fault>> {
         let fault = |_| {
             let what = "`mag_latency_sigma_s` is available only in `ekf`, `iekf` and `ukf`";
-            vec![Fault::new(what).of_param("mag_latency_sigma_s").help("set `filter` to one of these to estimate the delay")]
+            vec![
+                Fault::new(what)
+                    .of_param("mag_latency_sigma_s")
+                    .help("set `filter` to one of these to estimate the delay"),
+            ]
         };
         self.mag_latency_sigma_s.map_or(Ok(vec![]), |sigma_s| Err(fault(sigma_s)))
     }

@@ -68,7 +68,8 @@ filter! {
     /// Covariance function of the anomaly over distance.
     covariance: Covariance, unit "", default Covariance::Matern52;
     /// Standard deviation of the anomaly.
-    sigma_se_nt: Option<f64>, unit "nT", absent "50 nT, the value of the Louisa flight in Lee 2019", rule Rule::Positive;
+    sigma_se_nt: Option<f64>, unit "nT",
+        absent "50 nT, the value of the Louisa flight in Lee 2019", rule Rule::Positive;
     /// Correlation length of the anomaly.
     length_m: Option<f64>, unit "m", absent "150 m, as for `sigma_se_nt`", rule Rule::Positive;
     /// Standard deviation of the white part of the anomaly, in addition to the measurement noise.
@@ -80,7 +81,8 @@ filter! {
     /// Time before a sample within which samples do not count as earlier samples.
     ignore_s: f64, unit "s", default 30.0, rule Rule::NotNegative;
     /// Radius of a revisit: it contains more than `trigger_points` earlier samples.
-    trigger_radius_m: Option<f64>, unit "m", absent "18 m, or 1.6 times the distance between samples", rule Rule::Positive;
+    trigger_radius_m: Option<f64>, unit "m",
+        absent "18 m, or 1.6 times the distance between samples", rule Rule::Positive;
     /// Number of earlier samples within `trigger_radius_m` that a revisit exceeds.
     trigger_points: usize, unit "1", default 2usize;
     /// Radius within which earlier samples are used for a prediction.
@@ -92,8 +94,9 @@ filter! {
     interpolant_sigma_nt: f64, unit "nT", default 10.0, rule Rule::Positive;
     /// Effective number of particles, as a fraction of all, below which they are resampled.
     resample_below: f64, unit "1", default 0.5, rule Rule::Between(0.0, 1.0);
-    /// A measurement whose squared innovation over its variance is above this is not used.
-    gate_nis: Option<f64>, unit "1", absent "outliers are rejected before the filter, or none with `tuning = \"magnav\"`", rule Rule::Positive;
+    /// Largest NIS (squared innovation over its variance) of a measurement. Larger ones are rejected.
+    gate_nis: Option<f64>, unit "1",
+        absent "no gate; `tuning = \"auto\"` rejects outliers before the filter", rule Rule::Positive;
     /// Replaces the track of the particles by the most probable track of the whole flight.
     smooth: bool, unit "", default false;
     /// Maximum number of measurements in the smoother. If there are more, each is the mean of a few neighbours, and
@@ -102,7 +105,7 @@ filter! {
     /// Standard deviation of the white noise of a measurement in the smoother, where the particles assume more because
     /// they are few.
     smooth_sigma_nt: Option<f64>, unit "nT", absent "the assumed noise of the particles", rule Rule::Positive;
-    /// How the process noise becomes a step's covariance: to second order, to first order as MagNav.jl, or exactly.
+    /// Discretisation of the process noise: to second order, to first order as in MagNav.jl, or exact.
     discretisation: NoiseDiscretisation, unit "", default NoiseDiscretisation::Trapezoidal;
 }
 
@@ -152,7 +155,9 @@ impl NavigationFilter for Slam {
             Some(Fault::new(format!("`{key}` has no effect without {what}")).help(help))
         };
         match key {
-            "trigger_radius_m" | "trigger_points" if !by_radius => belongs("`expected_measurement = \"regression\"` or `\"inverse_distance\"`"),
+            "trigger_radius_m" | "trigger_points" if !by_radius => {
+                belongs("`expected_measurement = \"regression\"` or `\"inverse_distance\"`")
+            }
             "interpolant_sigma_nt" if self.expected_measurement != ExpectedMeasurement::InverseDistance => {
                 belongs("`expected_measurement = \"inverse_distance\"`")
             }
@@ -183,14 +188,12 @@ impl NavigationFilter for Slam {
                 "the corrections exceed the possible error of the INS: their square is {:.0} times its variance",
                 output.report.largest_correction
             );
-            let help =
-                "increase `particles` for the drift between revisits, or check `ins_grade`";
+            let help = "increase `particles` for the drift between revisits, or check `ins_grade`";
             return Err(Fault::data(what).help(help));
         }
         if output.report.smoother.is_some_and(|smoother| smoother.agreement < CONTRADICTED) {
             let what = "the smoother found no track on which the measurements of revisits agree";
-            let help =
-                "increase `particles` or `smooth_measurements`, or increase `measurement_sigma_nt`";
+            let help = "increase `particles` or `smooth_measurements`, or increase `measurement_sigma_nt`";
             return Err(Fault::data(what).help(help));
         }
         let mut track = Track::with_any(flown, output.navigation, self.gate_nis);
@@ -286,8 +289,8 @@ mod tests {
             assert!((ours[row] / exact[row] - 1.0).abs() < 1e-6, "{row} {} {}", ours[row], exact[row]);
             assert!((found.error_m(row) - aided.error_m(row)).abs() < 1e-3, "{row}");
         }
-        assert_refused("slam", "gnss_sigma_m = 1.0", "no say without `gnss_lost_s`");
-        assert_refused("slam", "gnss_lost_s = [400.0, 300.0]", "after it is found");
+        assert_refused("slam", "gnss_sigma_m = 1.0", "no effect without `gnss_lost_s`");
+        assert_refused("slam", "gnss_lost_s = [400.0, 300.0]", "recovered earlier");
     }
 
     #[test]
@@ -308,7 +311,7 @@ mod tests {
     fn unit_keys_without_a_say_are_told() {
         assert_refused("slam", "smooth_measurements = 300", "smooth = true");
         assert_refused("slam", "smooth_sigma_nt = 1.0", "smooth = true");
-        assert_refused("slam", "trigger_points = 3", "within a radius");
+        assert_refused("slam", "trigger_points = 3", "regression");
         assert_refused("slam", "interpolant_sigma_nt = 3.0", "inverse_distance");
         assert_refused("slam", "hyperparameters = 'fixed'\nfit_window_s = 30.0", "fitted");
         assert_refused("slam", "sigma_se_nt = 30.0", "fixed");

@@ -41,7 +41,8 @@ params! {
     /// line.
     fix: [String; 3], unit "", default ["lat", "lon", "alt"].map(str::to_owned);
     /// Columns of the velocity north, east and down of the fix.
-    fix_velocity: Option<[String; 3]>, unit "m/s", absent "`vn`, `ve` and `vd` if the flight has them, else the velocity of the INS";
+    fix_velocity: Option<[String; 3]>, unit "m/s",
+        absent "`vn`, `ve` and `vd` if the flight has them, else the velocity of the INS";
     /// Standard deviation of the fix's position, north and east each.
     fix_sigma_m: f64, unit "m", default 3.0, rule Rule::Positive;
     /// Standard deviation of the fix's height.

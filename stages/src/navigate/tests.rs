@@ -192,7 +192,7 @@ fn unit_the_column_of_the_noise_is_checked_before_and_in_the_line() {
     assert!(said(&with("nose", &[])).contains("`nose`"));
     assert!(said(&with("mag_c", &[])).contains("is the measurement"));
     let two = Literal::List(vec![text("mag_c"), text("noise")]);
-    assert!(said(&with("noise", &[("mag", two)])).contains("of one magnetometer"));
+    assert!(said(&with("noise", &[("mag", two)])).contains("a single magnetometer"));
     let why = with("noise", &[("filter", text("ins_only"))]).idle("noise_column").unwrap().what;
     assert_eq!(why, "the filter `ins_only` has no use for `noise_column`");
     let sigma_nt = |values: &[f64]| with("noise", &[]).sample_sigma_nt(&batch(&[("noise", values)]));
