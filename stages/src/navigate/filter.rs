@@ -1,7 +1,4 @@
-//! Interface of a navigation filter: declaration, inputs and outputs. D 30 One flight line as input of a filter. D 32
-//! INS, one value per sample. Columns that the flight lacks are derived. D 34-35 Measured field in nT at each sample,
-//! minus the diurnal variation where it is removed; NaN where missing. It contains the core field if and only if `core`
-//! is given. With several magnetometers, their mean.
+//! Interface of a navigation filter: declaration, inputs and outputs.
 //!
 //! A filter is one file with its declaration by [`filter!`](crate::filter!), its run and its tests, and one line in
 //! [`FILTERS`](super::FILTERS).
@@ -31,12 +28,12 @@ use super::{
 };
 use crate::columns::list;
 
-/// A flight line as every filter is handed it.
+/// One flight line as input of a filter.
 pub struct Flown<'a> {
-    /// The INS, a value a sample; what the flight lacks is derived.
+    /// INS, one value per sample. Columns that the flight lacks are derived.
     pub ins: InsSeries<'a>,
-    /// The measured field in nT at each sample, less the temporal variation where that is known; NaN where there is
-    /// none. It holds the core field if, and only if, `core` is given. Of several magnetometers, their mean.
+    /// Measured field in nT at each sample, minus the diurnal variation where it is removed; NaN where missing. It
+    /// contains the core field if and only if `core` is given. With several magnetometers, their mean.
     pub measured_nt: Vec<f64>,
     /// Standard deviation of the white noise of each of `measured_nt`, in nT.
     pub sigma_nt: Vec<f64>,
