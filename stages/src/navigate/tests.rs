@@ -139,9 +139,9 @@ fn unit_what_is_derived_or_taken_off_unasked_is_noted() {
     let rich: Vec<_> = velocity.into_iter().chain([("ins_roll", "deg"), ("diurnal", "nT")]).collect();
     let made = without(&[]).yields(&[&flight(&rich), &map()]).unwrap();
     let expected = [
-        "`diurnal` is taken off the measurement; say `remove_diurnal = false` to leave it in",
-        "no ins_fn, ins_fe, ins_fd: derived from INS velocities",
-        "no ins_pitch, ins_yaw: derived from the course, level",
+        "`diurnal` is subtracted from the measurement; set `remove_diurnal = false` to keep it",
+        "ins_fn, ins_fe, ins_fd missing: derived from INS velocities",
+        "ins_pitch, ins_yaw missing: derived from the course, level",
     ];
     assert_eq!(made.notes, expected);
     let read = ["tt", "mag_c", "ins_lat", "ins_lon", "ins_alt", "ins_vn", "ins_ve", "ins_vd", "diurnal"];
