@@ -68,7 +68,8 @@ spacing_m       = 500.0
     /// Date of the core field as a decimal year. Replaces the flight's date.
     decimal_year: Option<f64>, unit "a", absent "the flight's own date", rule Rule::Between(1900.0, 2030.0);
     /// Subtracts the column `diurnal` from the measurement. A sample with a NaN in `diurnal` has no measurement.
-    remove_diurnal: Option<bool>, unit "", absent "true if the flight has the column and the measurement still contains it";
+    remove_diurnal: Option<bool>, unit "",
+        absent "true if the flight has the column and the measurement still contains it";
     /// Interval over which measurements are averaged. 0 uses every sample.
     interval_s: f64, unit "s", default 1.0, rule Rule::NotNegative;
     /// Source of the hyper-parameters of the kernel: maximum likelihood on the lines, or the spec.
@@ -248,8 +249,8 @@ impl TrackMap {
         }
         if report.lacking > LACKING {
             warnings.push(format!(
-                "{} functions omit {:.1} % of the variance of a field of length {:.0} m, which counts as noise; increase \
-                 `max_functions`, or reduce `bounds`",
+                "{} functions omit {:.1} % of the variance of a field of length {:.0} m, which counts as noise; \
+                 increase `max_functions`, or reduce `bounds`",
                 report.functions,
                 100.0 * report.lacking,
                 report.kernel.length_m
@@ -257,8 +258,8 @@ impl TrackMap {
         }
         if report.misfit > MISFIT {
             warnings.push(format!(
-                "the residual of the map is {:.1} times the assumed noise: the position error exceeds the covariance of the \
-                 track, or the field is rougher than the kernel",
+                "the residual of the map is {:.1} times the assumed noise: the position error exceeds the covariance of \
+                 the track, or the field is rougher than the kernel",
                 report.misfit
             ));
         }
@@ -266,8 +267,8 @@ impl TrackMap {
     }
 }
 
-/// Map of the measurements within bounds and up to three lengths beyond, which affect it. The length is that of a fit to
-/// all measurements.
+/// Map of the measurements within bounds and up to three lengths beyond, which affect it. The length is fitted to all
+/// measurements.
 fn within(
     parameters: &TrackMapParameters,
     mut samples: Vec<TrackSample>,

@@ -346,7 +346,7 @@ mod tests {
         let both = ["a", "b"];
         assert_eq!(
             why(&table, &both, 8, Activation::Swish),
-            "the trained network has 3 hidden units: say `hidden = 3`"
+            "the trained network has 3 hidden units: set `hidden = 3`"
         );
         assert!(why(&table, &both, 3, Activation::Tanh).contains("activation `swish`"));
         assert!(why(&table, &["a"], 3, Activation::Swish).contains("the input `b`, which is not in the features"));

@@ -194,11 +194,11 @@ fn unit_the_column_of_the_noise_is_checked_before_and_in_the_line() {
     let two = Literal::List(vec![text("mag_c"), text("noise")]);
     assert!(said(&with("noise", &[("mag", two)])).contains("a single magnetometer"));
     let why = with("noise", &[("filter", text("ins_only"))]).idle("noise_column").unwrap().what;
-    assert_eq!(why, "the filter `ins_only` has no use for `noise_column`");
+    assert_eq!(why, "the filter `ins_only` does not use `noise_column`");
     let sigma_nt = |values: &[f64]| with("noise", &[]).sample_sigma_nt(&batch(&[("noise", values)]));
     let found = sigma_nt(&[3.0, f64::INFINITY, f64::NAN, 0.0]).unwrap().unwrap();
     assert!(found[0] == 3.0 && found[1].is_nan() && found[2].is_nan() && found[3] == 0.0, "{found:?}");
     let fault = sigma_nt(&[3.0, -0.5]).unwrap_err();
-    assert_eq!(fault.what, "a standard deviation of -0.5 nT in row 2");
+    assert_eq!(fault.what, "the standard deviation is -0.5 nT in row 2");
     assert_eq!(fault.place.column.as_deref(), Some("noise"));
 }
