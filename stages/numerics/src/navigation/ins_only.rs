@@ -1,4 +1,4 @@
-//! The INS by itself: no field is measured, and the covariance says how wrong it is by now.
+//! The INS without measurements of the field, with its covariance.
 
 use crate::navigation::estimate::{Estimate, Recursion};
 use crate::navigation::ins_error::InsErrorModel;

@@ -133,7 +133,7 @@ pub fn check_sources<S: AsRef<str>>(sources: &[S]) -> Result<(), ParameterError>
         None => Ok(()),
         Some(source) => {
             let what = format!(
-                "the terms hold `{source}`, a scalar magnetometer: the filter would subtract what it navigates by"
+                "the terms contain `{source}`, a scalar magnetometer: the filter would subtract its own measurement"
             );
             Err(refused("terms", what))
         }

@@ -59,7 +59,7 @@ pub fn prior_from_calibrations(
 ) -> Result<CoefficientPrior, ParameterError> {
     let count = calibrations.len();
     let Some(terms) = calibrations.first().map(|first| first.len()) else {
-        return Err(refused("prior", "there is no calibration"));
+        return Err(refused("prior", "no calibration is given"));
     };
     for (place, calibration) in calibrations.iter().enumerate() {
         if calibration.len() != terms || calibration.iter().any(|c| !c.is_finite()) {
@@ -69,7 +69,7 @@ pub fn prior_from_calibrations(
     }
     if let ([only], covariance) = (calibrations, covariance) {
         let Some(covariance) = covariance else {
-            let what = "a single calibration does not say how its coefficients scatter: give its covariance";
+            let what = "the scatter of a single calibration is unknown: give its covariance";
             return Err(refused("prior", what));
         };
         check_covariance(covariance, terms)?;
@@ -119,7 +119,7 @@ pub fn walk_density(calibrations: &[&[f64]], tt_s: &[f64]) -> Result<Vec<f64>, P
     let lasts = tt_s.windows(2).all(|pair| pair[1] > pair[0] && (pair[1] - pair[0]).is_finite());
     if calibrations.len() < 2 || calibrations.len() != tt_s.len() || !lasts {
         let what =
-            format!("{} calibrations at {} ascending times do not tell a change", calibrations.len(), tt_s.len());
+            format!("{} calibrations at {} ascending times do not determine a change", calibrations.len(), tt_s.len());
         return Err(refused("walk_density", what));
     }
     if calibrations.iter().any(|c| c.len() != terms || c.iter().any(|c| !c.is_finite())) {
@@ -173,7 +173,10 @@ impl ColdStart {
                 Family::Bias => self.bias_nt,
             };
             if !(of >= 0.0 && of.is_finite()) {
-                return Err(refused("prior", format!("the sigma of {} must not be below 0, but is {of}", group.name)));
+                return Err(refused(
+                    "prior",
+                    format!("the standard deviation of {} must not be below 0, but is {of}", group.name),
+                ));
             }
             let single = Terms::new(&[group.name]).map_err(|fault| refused("terms", fault.to_string()))?;
             sigma.extend(std::iter::repeat_n(of, single.len()));

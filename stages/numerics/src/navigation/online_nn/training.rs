@@ -149,7 +149,7 @@ pub fn train(
         }
     }
     if !(recursion.weights.iter().sum::<f64>().is_finite() && recursion.p.is_sound()) {
-        return Err(refused("features", "the training does not stay finite"));
+        return Err(refused("features", "the training diverged"));
     }
     let missed = |row: &Row| (row.field_nt - network.value(&row.inputs, &recursion.weights)).powi(2);
     let misfit_nt = (rows.iter().map(missed).sum::<f64>() / rows.len() as f64).sqrt();

@@ -11,20 +11,20 @@ const ROWS: usize = MOST_NEIGHBOURS + 2;
 const MEAN_SIGMAS: f64 = 10.0;
 
 choice! {
-    /// How the covariance of the anomaly falls with distance.
+    /// Covariance function of the anomaly over distance.
     #[derive(Default)]
     pub enum Covariance {
-        /// σ² (1 + √5 d/l + 5d²/3l²) exp(−√5 d/l): twice differentiable, as rough as fields measured near their sources are.
+        /// σ² (1 + √5 d/l + 5d²/3l²) exp(−√5 d/l): twice differentiable, as rough as fields near their sources.
         #[default]
         Matern52 = "matern_5_2",
         /// σ² (1 + √3 d/l) exp(−√3 d/l): once differentiable.
         Matern32 = "matern_3_2",
-        /// σ² exp(−d²/2l²): smoother than any field with sources. [thesis 001, (43)]
+        /// σ² exp(−d²/2l²): smoother than any field with sources. [Lee 2019, (43)]
         SquaredExponential = "squared_exponential",
     }
 }
 
-/// The covariance of the anomaly, with white noise. [thesis 001, (45)]
+/// Covariance of the anomaly, with white noise. [Lee 2019, (45)]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Kernel {
     /// Its form.
@@ -33,12 +33,12 @@ pub struct Kernel {
     pub sigma_se_nt: f64,
     /// Its correlation length l, in m.
     pub length_m: f64,
-    /// What is white beside the noise of the measurements, in nT.
+    /// Standard deviation of the white part of the anomaly, in addition to the measurement noise, in nT.
     pub sigma_n_nt: f64,
 }
 
 impl Default for Kernel {
-    /// That of the flight over Louisa. [thesis 001, appendix A.1.2]
+    /// Kernel of the Louisa flight. [Lee 2019, appendix A.1.2]
     fn default() -> Self {
         Self { covariance: Covariance::default(), sigma_se_nt: 50.0, length_m: 150.0, sigma_n_nt: 1.0 }
     }
@@ -128,7 +128,7 @@ pub(super) struct Bends {
     pub(super) second: f64,
 }
 
-/// What is expected at a point.
+/// Prediction at a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Expected {
     /// The mean, in nT.
