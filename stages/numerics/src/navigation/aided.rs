@@ -1,13 +1,13 @@
-//! The Kalman filters with further measurements beside the scalar field: the difference of two magnetometers, the field's
-//! vector, a height; with a map error that lasts along the track, and with samples where the map is too flat.
+//! The Kalman filters with further measurements besides the scalar field: the difference of two magnetometers, the
+//! field's vector, a height; with a map error that lasts along the track, and with samples where the map is too flat.
 //!
-//! What they are and how they enter is in [`aids`](crate::navigation::aids). [`Linearisation::Unscented`] moreover takes what the map
-//! bends over the uncertainty of the position as noise, as the slope regressed over that of [Hostetler & Andreas 1983] does; at
-//! the top of a hill, where the slope vanishes, nothing else is honest.
+//! What they are and how they enter is in [`aids`](crate::navigation::aids). [`Linearisation::Unscented`] moreover
+//! takes what the map bends over the uncertainty of the position as noise, as the slope regressed over that of
+//! [Hostetler & Andreas 1983] does; at the top of a hill, where the slope vanishes, nothing else is honest.
 //!
-//! Each sample uses the positions from elsewhere first, then scalar, difference, vector and height, one scalar after the
-//! other. Irregularities are those of [`ekf`](crate::navigation::ekf), each measurement by itself; the difference is off the map where either
-//! end is.
+//! Each sample uses the aiding positions first, then scalar, difference, vector and height, one scalar after the other.
+//! Irregularities are those of [`ekf`](crate::navigation::ekf), each measurement by itself; the difference is off the
+//! map where either end is.
 
 pub(crate) mod filter;
 mod slope_error;
@@ -47,7 +47,7 @@ pub enum Linearisation {
 pub struct AidedParameters {
     /// How measurements of the field are linearised.
     pub linearisation: Linearisation,
-    /// A measurement whose squared innovation over its variance is above this is left out; `None` uses every one.
+    /// Largest NIS of a measurement; larger ones are rejected. `None` uses every measurement.
     pub gate_nis: Option<f64>,
     /// Hand out the 18 error states of every sample.
     pub keep_states: bool,
@@ -61,15 +61,17 @@ pub struct AidedOutput {
     /// The track. Residual and NIS are those of the scalar field; where the sample has none, of the difference. A flat
     /// sample counts as an update.
     pub navigation: NavigationOutput,
-    /// What became of each sample.
+    /// Outcome of each sample.
     pub usage: Vec<Usage>,
     /// The horizontal slope of the predicted field at each sample before its measurement, in nT/m; NaN off the map.
     pub slope_nt_per_m: Vec<f64>,
-    /// The standard deviation of what is not linear in the scalar field, in nT, by [`Linearisation::Unscented`]; else NaN.
+    /// The standard deviation of what is not linear in the scalar field, in nT, by [`Linearisation::Unscented`]; else
+    /// NaN.
     pub nonlinear_sd_nt: Vec<f64>,
     /// Of the further measurements.
     pub aids: AidInnovations,
-    /// The delay of the scalar magnetometer at each sample, and one sigma of it, in s; empty where it is no state.
+    /// The delay of the scalar magnetometer at each sample, and standard deviation of it, in s; empty where it is no
+    /// state.
     pub latency_s: [Vec<f64>; 2],
 }
 

@@ -92,8 +92,8 @@ pub fn run(
     pulp::Arch::new().dispatch(Bound { line, truth, field, offset_nt, output })
 }
 
-/// The bound with further measurements beside the scalar field; as [`run`]. Of each, residual and NIS are measurement minus truth
-/// and its square over the variance of noise and what lasts.
+/// The bound with further measurements besides the scalar field; as [`run`]. Of each, residual and NIS are measurement
+/// minus truth and its square over the variance of noise and what lasts.
 ///
 /// A bound knows the map, so that no sample is too flat: of [`Aids::flat_over_m`] nothing is used.
 ///

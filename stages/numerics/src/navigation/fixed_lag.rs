@@ -19,7 +19,8 @@
 //! path (Joseph's form) and its adjoint, the modified Bryson-Frazier smoother [Bierman 1973; Bell 1994: the iterated
 //! smoother is Gauss-Newton]. No covariance is inverted, so states without process noise or with a large prior do no
 //! harm. The path is x₁ = m − P λ₁, xₖ = Φ xₖ₋₁ − Q λₖ, and half the squared distance from prior and process is ½ λ₁ᵀ P
-//! λ₁ + ½ Σ λₖᵀ Q λₖ. Robust weights are those of [`Loss`](crate::navigation::loss::Loss) (iteratively reweighted least squares).
+//! λ₁ + ½ Σ λₖᵀ Q λₖ. Robust weights are those of [`Loss`](crate::navigation::loss::Loss) (iteratively reweighted least
+//! squares).
 //!
 //! The first windows begin at the line's start. A later window's prior is the marginal at its first node, given the
 //! dropped measurements alone, linearised about the last solution. It carries the whole covariance of INS states and
@@ -159,8 +160,8 @@ pub struct FixedLagOutput {
     pub offsets_nt: Vec<f64>,
     /// Innovations of the further measurements, as those of [`FixedLagOutput::navigation`].
     pub aids: AidInnovations,
-    /// The horizontal slope of the predicted field at the first sample of its interval, in nT/m, where there are further
-    /// measurements; NaN off the map.
+    /// The horizontal slope of the predicted field at the first sample of its interval, in nT/m, where there are
+    /// further measurements; NaN off the map.
     pub slope_nt_per_m: Vec<f64>,
 }
 
@@ -323,7 +324,9 @@ fn check(magnetometer: usize, one: &Magnetometer<'_>, rows: usize) -> Result<(),
         return fault("its random-walk densities must be finite and not below 0");
     }
     if !(one.error.sigma >= 0.0 && one.error.sigma.is_finite() && one.error.tau_s > 0.0) {
-        return fault("its Gauss-Markov error needs a finite sigma of at least 0 and a correlation time above 0");
+        return fault(
+            "its Gauss-Markov error requires a finite standard deviation of at least 0 and a time constant above 0",
+        );
     }
     if !is_covariance(covariance, terms) {
         return fault("its prior covariance is not symmetric and positive semidefinite");

@@ -2,7 +2,7 @@
 //!
 //! A map is far from linear in position, and nearly nothing else is. Given the position, the 16 other states of
 //! `pinson` are linear and Gaussian, so each particle holds an error of latitude and longitude with the mean of the
-//! others given it; they all share one covariance P [Schön, Gustafsson & Nordlund 2005; thesis 000, section 5.3 for
+//! others given it; they all share one covariance P [Schön, Gustafsson & Nordlund 2005; Gnadt 2022, section 5.3 for
 //! the states]. Use it where the position may be kilometres off, or where two places may explain the measurements:
 //! [`MpfOutput::modes`] has the probability of each. Elsewhere it agrees with the extended Kalman filter and takes
 //! seventy times as long.
@@ -43,26 +43,28 @@
 //! particles effective is used in parts, as several measurements whose inverse variances sum up to its own, with a
 //! resampling between them (progressive correction, same source).
 //!
-//! # Positions from elsewhere
+//! # Aiding positions
 //!
-//! A fix of latitude and longitude weighs the particles, whose positions have no variance of their own; one of the height is
-//! a Kalman update of the linear states of each, with the gain that all share. Both are exact but for the number of
-//! particles. A fix far narrower than the cloud is used in parts, as a measurement is.
+//! A fix of latitude and longitude weighs the particles, whose positions have no variance of their own; one of the
+//! height is a Kalman update of the linear states of each, with the gain that all share. Both are exact but for the
+//! number of particles. A fix far narrower than the cloud is used in parts, as a measurement is.
 //!
 //! # Further measurements
 //!
-//! The Gauss-Markov states of [`aids`](crate::navigation::aids), what lasts of a measurement's error and of the map's, are linear
-//! like the 16: they join each particle's mean and the common covariance, of 21 states with them and of 27 with the field's
-//! vector. A difference, a component of the vector, and a height are each a measurement as the field is, with
+//! The Gauss-Markov states of [`aids`](crate::navigation::aids), what lasts of a measurement's error and of the map's,
+//! are linear like the 16: they join each particle's mean and the common covariance, of 21 states with them and of 27
+//! with the field's vector. A difference, a component of the vector, and a height are each a measurement as the field
+//! is, with
 //!
 //! ```text
 //! e_i = z − v(position of i) − u x_i,   H_i = u + (slope of v with height at i) for the altitude,
 //! ```
 //!
-//! where v is the map's at each particle's own position, at both ends of the baseline for a difference, and the row u of biases,
-//! S and tilt is that of all: what the tilt does is linear about the middle of the cloud. They come after the field, each with a
-//! resampling before it where too few particles are left. A map that is too flat tells the particles apart by its values, not
-//! by its slope, so that [`Aids::flat_over_m`] is not looked at; the map's error is a state.
+//! where v is the map's at each particle's own position, at both ends of the baseline for a difference, and the row u
+//! of biases, S and tilt is that of all: what the tilt does is linear about the middle of the cloud. They come after
+//! the field, each with a resampling before it where too few particles are left. A map that is too flat tells the
+//! particles apart by its values, not by its slope, so that [`Aids::flat_over_m`] is not looked at; the map's error is
+//! a state.
 //!
 //! Every random number is a function of seed, sample and particle, and sums have a fixed order: the same bits on any
 //! number of threads.
@@ -115,8 +117,8 @@ const WITH_ALL: usize = WITH_VECTOR + 2;
 /// and uses more threads from 8192 particles up.
 ///
 /// # Errors
-/// Fails as [`MpfParameters::check`], [`Aids::check`] and [`NavigationLine::check`], and with [`NavigationError::Diverged`]
-/// when states or variances are no longer finite or a variance is negative.
+/// Fails as [`MpfParameters::check`], [`Aids::check`] and [`NavigationLine::check`], and with
+/// [`NavigationError::Diverged`] when states or variances are no longer finite or a variance is negative.
 pub fn run(
     parameters: &MpfParameters,
     line: &NavigationLine<'_>,

@@ -2,7 +2,7 @@
 //!
 //! The 18 states of the extended Kalman filter are followed by the coefficients βₘ of each magnetometer and, where
 //! asked for, the bias b of the vector magnetometer that their terms are made of. The scalar magnetometers are not
-//! compensated beforehand. [thesis 000, section 5.5, (5.38)-(5.41); Canciani 2022]
+//! compensated beforehand. [Gnadt 2022, section 5.5, (5.38)-(5.41); Canciani 2022]
 //!
 //! ```text
 //! zₘ = map(INS + x) + core(INS + x) + S + Aₘ(b) βₘ + white noise
@@ -14,7 +14,7 @@
 //! they are known to each sample and hold no scalar magnetometer ([`check_sources`]). The states beyond the 18 have a
 //! diagonal transition, so that a step of 18 + 18 + 3 states costs some 6 microseconds.
 //!
-//! Where this differs from the source: thesis 000 (5.39) overwrites three states by the vector's reading, with an
+//! Where this differs from the source: Gnadt 2022 (5.39) overwrites three states by the vector's reading, with an
 //! infinite decay rate. Here the error of the reading is the state, which may last; its derivatives are those of all of
 //! A(b) β. MagNav.jl's leave out the altitude's, hold |B| constant and divide by B_x.
 //!
@@ -114,7 +114,7 @@ pub struct OnlineOutput {
     pub magnetometers: Vec<AircraftEstimate>,
     /// The bias of the vector magnetometer, where it is estimated.
     pub fluxgate: Option<FluxgateEstimate>,
-    /// What became of each sample, where there are further measurements.
+    /// Outcome of each sample, if there are further measurements.
     pub usage: Vec<Usage>,
     /// Their innovations.
     pub aids: AidInnovations,

@@ -1,7 +1,7 @@
 //! The aircraft's own field estimated in flight: an online neural network.
 //!
 //! The 18 states of the extended Kalman filter are followed by the weights w of a small network, whose output is the
-//! aircraft's field at the scalar magnetometer, which is not compensated beforehand. [thesis 000, section 5.6,
+//! aircraft's field at the scalar magnetometer, which is not compensated beforehand. [Gnadt 2022, section 5.6,
 //! (5.42)-(5.45); Singhal & Wu 1989, for training by the filter]
 //!
 //! ```text
@@ -47,7 +47,7 @@ pub struct NetworkOutput {
     pub sigma_by_row: Vec<f64>,
     /// Residuals, the aircraft's field, and how the samples were used.
     pub track: MagnetometerTrack,
-    /// What became of each sample, where there are further measurements.
+    /// Outcome of each sample, if there are further measurements.
     pub usage: Vec<Usage>,
     /// Their innovations.
     pub aids: AidInnovations,
@@ -55,13 +55,13 @@ pub struct NetworkOutput {
     pub slope_nt_per_m: Vec<f64>,
 }
 
-/// Filters one line, whose measurement is the uncompensated field, by it and by further measurements, of which there may be none.
-/// `features` are row-major, a row a sample.
+/// Filters one line, whose measurement is the uncompensated field, by it and by further measurements, of which there
+/// may be none. `features` are row-major, a row a sample.
 ///
 /// # Errors
-/// Fails as [`NavigationLine::check`] and [`Aids::check`], with [`NavigationError::Parameter`] for features, weights, covariances and
-/// densities of another size than the network's or out of their range, and with [`NavigationError::Diverged`] when
-/// states or variances are no longer finite or a variance is negative.
+/// Fails as [`NavigationLine::check`] and [`Aids::check`], with [`NavigationError::Parameter`] for features, weights,
+/// covariances and densities of another size than the network's or out of their range, and with
+/// [`NavigationError::Diverged`] when states or variances are no longer finite or a variance is negative.
 pub fn run(
     line: &NavigationLine<'_>,
     network: &Network,

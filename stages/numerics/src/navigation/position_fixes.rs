@@ -1,4 +1,4 @@
-//! Positions from elsewhere, such as a GNSS receiver or a barometer, that aid a filter.
+//! Aiding positions, such as a GNSS receiver or a barometer, that aid a filter.
 
 use params::Rule;
 

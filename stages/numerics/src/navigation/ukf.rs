@@ -73,9 +73,9 @@ pub struct UkfParameters {
     /// A measurement whose squared residual over its variance is above this is left out and
     /// counted; `None` uses every one. 10.83 leaves out one good measurement in a thousand.
     pub gate_nis: Option<f64>,
-    /// Hand out the error states of every sample (144 bytes each).
+    /// Returns the error states of every sample (144 bytes each).
     pub keep_states: bool,
-    /// Hand out the covariance of every sample (2.6 kB each).
+    /// Returns the covariance of every sample (2.6 kB each).
     pub keep_covariance: bool,
 }
 
@@ -114,7 +114,7 @@ fn refused(name: &str, what: String) -> ParameterError {
     ParameterError(Fault::new(format!("`{name}` {what}")).of_param(name))
 }
 
-/// What the filter makes of a line.
+/// Output of the filter on a line.
 #[derive(Clone, Debug, Default)]
 pub struct UkfOutput {
     /// The estimate.

@@ -1,4 +1,4 @@
-//! The same filter with further measurements beside the scalar field.
+//! The filter with further measurements besides the scalar field.
 
 use crate::navigation::aided::filter::{Filter, Outcome};
 use crate::navigation::aided::{AidedOutput, AidedParameters, Linearisation};
@@ -12,12 +12,12 @@ use super::noise::{Fusion, Learner};
 use super::window::Window;
 use super::{Adapt, Adapted, AdaptiveParameters, Magnetometer};
 
-/// What the filter makes of a line with further measurements.
+/// Output of the filter on a line with further measurements.
 #[derive(Clone, Debug, Default)]
 pub struct AidedAdaptiveOutput {
     /// The estimate; of the scalar field as that of [`AdaptiveOutput`](super::AdaptiveOutput).
     pub line: AidedOutput,
-    /// What was learnt of each magnetometer, in their order.
+    /// Estimated noise of each magnetometer, in their order.
     pub magnetometers: Vec<Adapted>,
     /// The share of a correction by the scalar field that is given back as process noise after each sample.
     pub given_back: Vec<f64>,
@@ -25,8 +25,8 @@ pub struct AidedAdaptiveOutput {
 
 /// [`run`](super::run) with further measurements, whose noise is as told: that of the magnetometers alone is learnt.
 ///
-/// H P Hᵀ of an innovation holds the map's error where that is a state, so that it is not learnt as white noise. A sample where the
-/// map is too flat is learnt from, and corrects the temporal variation and the map's error alone.
+/// H P Hᵀ of an innovation holds the map's error where that is a state, so that it is not learnt as white noise. A
+/// sample where the map is too flat is learnt from, and corrects the temporal variation and the map's error alone.
 ///
 /// # Errors
 /// As [`run`](super::run) and [`Aids::check`].

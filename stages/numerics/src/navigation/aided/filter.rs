@@ -62,7 +62,7 @@ fn moved(from: [f64; 3], by: [f64; 3]) -> [f64; 3] {
     std::array::from_fn(|axis| from[axis] + by[axis])
 }
 
-/// What became of one measurement.
+/// Outcome of one measurement.
 #[derive(Clone, Copy)]
 pub(crate) enum Outcome {
     Missing,
@@ -117,8 +117,8 @@ pub(crate) struct Filter<'a> {
     pub(crate) gain: Vec<f64>,
     pub(crate) spare: Vec<f64>,
     pub(crate) output: AidedOutput,
-    /// Whether the INS is the truth, and what is asked for is the covariance of an estimate about it: no measurement moves
-    /// the state, and an innovation is measurement minus truth, over the variance of its noise and of what lasts.
+    /// Whether the INS is the truth, and what is asked for is the covariance of an estimate about it: no measurement
+    /// moves the state, and an innovation is measurement minus truth, over the variance of its noise and of what lasts.
     bound: bool,
 }
 
@@ -152,7 +152,7 @@ impl<'a> Filter<'a> {
         Ok(self.output)
     }
 
-    /// The step to a row, and its positions from elsewhere.
+    /// The step to a row, and its aiding positions.
     pub(crate) fn advance(&mut self, row: usize) {
         if row > 0 {
             self.now.propagate(&self.layout, &self.line.step(row).into(), &mut self.spare);

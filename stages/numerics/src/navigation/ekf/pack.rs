@@ -207,7 +207,7 @@ impl<'a, S: Simd> Pack<'a, S> {
         }
     }
 
-    /// Corrects states and covariances by the positions from elsewhere.
+    /// Corrects states and covariances by the aiding positions.
     #[inline(always)]
     fn aid(&mut self, simd: S, ins: &InsSeries<'_>, row: usize) {
         if self.filters.iter().all(|filter| filter.point.fixes.is_none()) {

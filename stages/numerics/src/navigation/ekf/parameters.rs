@@ -1,4 +1,4 @@
-//! What the filter is told.
+//! Parameters of the filter.
 
 use crate::navigation::ins_error::{InsErrorModel, ParameterError, require};
 use params::Rule;
@@ -17,9 +17,9 @@ pub struct EkfParameters {
     /// A measurement whose squared residual over its variance is above this is left out and
     /// counted; `None` uses every one. 10.83 leaves out one good measurement in a thousand.
     pub gate_nis: Option<f64>,
-    /// Hand out the error states of every sample (144 bytes each).
+    /// Returns the error states of every sample (144 bytes each).
     pub keep_states: bool,
-    /// Hand out the covariance of every sample (2.6 kB each).
+    /// Returns the covariance of every sample (2.6 kB each).
     pub keep_covariance: bool,
 }
 

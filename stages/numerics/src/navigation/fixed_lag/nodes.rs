@@ -26,7 +26,7 @@ pub(super) struct Node {
     positions: Vec<[StateVector; 3]>,
     /// Of each magnetometer.
     pub measurements: Vec<Option<Measurement>>,
-    /// The positions from elsewhere at its samples.
+    /// The aiding positions at its samples.
     pub fixes: Vec<Fix>,
     /// How the node's states go on to its samples after the first, where there are further measurements.
     later: Vec<Later>,

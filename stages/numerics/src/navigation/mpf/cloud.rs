@@ -27,7 +27,7 @@ const SHARE: usize = 64;
 /// The particles. Those beyond the last fill its block and weigh nothing.
 #[derive(Clone, Debug)]
 pub(super) struct Cloud<const N: usize> {
-    /// How many there are.
+    /// Their number.
     pub(super) particles: usize,
     /// Their states.
     pub(super) blocks: Vec<Block<N>>,

@@ -1,4 +1,4 @@
-//! Positions from elsewhere as the particles take them.
+//! Aiding positions as the particles take them.
 
 use crate::navigation::pinson::ALT;
 use crate::navigation::position_fixes::StateFix;
@@ -18,7 +18,7 @@ struct Weighed {
 }
 
 impl<const N: usize> Filter<'_, N> {
-    /// Corrects weights, linear states and their covariance by the positions from elsewhere of a row.
+    /// Corrects weights, linear states and their covariance by the aiding positions of a row.
     pub(super) fn aid(&mut self, row: usize) {
         let [lat, lon, alt] = self.line.fixes_at(row);
         if let Some(fix) = alt {

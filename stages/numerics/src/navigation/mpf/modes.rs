@@ -24,7 +24,7 @@ const NONE: u32 = u32::MAX;
 pub(super) struct Clusters {
     /// The mode of each point, from 0.
     pub(super) labels: Vec<u32>,
-    /// How many there are.
+    /// Their number.
     pub(super) count: usize,
     scratch: Scratch,
 }

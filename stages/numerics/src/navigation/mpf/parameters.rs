@@ -1,4 +1,4 @@
-//! What the filter is told.
+//! Parameters of the filter.
 
 use crate::navigation::ins_error::ParameterError;
 use params::{Rule, obeys};

@@ -8,7 +8,7 @@ const LEAST_EFFECTIVE: f64 = 16.0;
 pub(super) struct Partition {
     /// The cell of each point, from 0.
     pub(super) labels: Vec<u32>,
-    /// How many there are.
+    /// Their number.
     pub(super) count: usize,
     order: Vec<u32>,
 }

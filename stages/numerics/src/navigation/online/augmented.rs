@@ -38,10 +38,10 @@ pub struct LineModel<'a> {
     /// field as it is before the line) is taken off each magnetometer; 0 takes nothing off. Not needed where a
     /// constant is among the states with a prior as wide as the offset.
     pub offset_window_s: f64,
-    /// Positions from elsewhere, each used before the measurements of its sample.
+    /// Aiding positions, each used before the measurements of its sample.
     pub fixes: Option<&'a PositionFixes>,
-    /// Measurements beside the magnetometers, each used after them. Where the map is too flat, a magnetometer corrects the
-    /// temporal variation, the map's error and the aircraft's field alone.
+    /// Measurements beside the magnetometers, each used after them. Where the map is too flat, a magnetometer corrects
+    /// the temporal variation, the map's error and the aircraft's field alone.
     pub aids: Aids<'a>,
 }
 
@@ -82,7 +82,7 @@ pub struct MagnetometerReport {
     pub missing: usize,
     /// Samples whose predicted position is off the map or in an unknown cell.
     pub off_map: usize,
-    /// Samples that the innovation gate left out.
+    /// Number of samples that the innovation gate rejected.
     pub gated: usize,
     /// The offset that was subtracted from every measurement, in nT.
     pub offset_nt: f64,
@@ -99,7 +99,7 @@ pub struct MagnetometerTrack {
     pub nis: Vec<f64>,
     /// The aircraft's field by the state after the sample, in nT; NaN where the model has no finite input.
     pub aircraft_nt: Vec<f64>,
-    /// How the samples were used.
+    /// Use of the samples.
     pub report: MagnetometerReport,
 }
 
@@ -221,7 +221,7 @@ pub(crate) fn check_covariance(covariance: &[f64], states: usize) -> Result<(), 
 /// A magnetometer's measurement and its standard deviation, in nT.
 pub(crate) type Readings<'a> = (&'a [f64], &'a [f64]);
 
-/// What the filter makes of a line.
+/// Output of the filter on a line.
 pub(crate) struct AugmentedOutput {
     pub(crate) navigation: NavigationOutput,
     pub(crate) magnetometers: Vec<MagnetometerTrack>,
@@ -229,7 +229,7 @@ pub(crate) struct AugmentedOutput {
     pub(crate) c: Vec<f64>,
     /// Their covariance, row-major.
     pub(crate) c_covariance: Vec<f64>,
-    /// What became of each sample, where there are further measurements.
+    /// Outcome of each sample, if there are further measurements.
     pub(crate) usage: Vec<Usage>,
     /// Their innovations.
     pub(crate) aids: AidInnovations,

@@ -109,7 +109,7 @@ fn shrunk_covariance(deviations: &[Vec<f64>], terms: usize) -> Vec<f64> {
 
 /// The random walk that takes coefficients from one calibration to the next: by coefficient the sum of the squared
 /// changes over the time that they took, in its unit squared per s. The changes hold the errors of the calibrations
-/// too, so it is rather too large. `tt_s` is the time of each calibration. [thesis 000, section 5.5]
+/// too, so it is rather too large. `tt_s` is the time of each calibration. [Gnadt 2022, section 5.5]
 ///
 /// # Errors
 /// Fails for fewer than two calibrations, times that do not ascend, and vectors of different lengths or with values

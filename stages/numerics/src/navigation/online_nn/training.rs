@@ -51,7 +51,7 @@ impl Default for TrainingParameters {
     }
 }
 
-/// The recursion (5.43)-(5.45) of thesis 000 with the regressor φ = ∂m/∂w where it prints β:
+/// The recursion (5.43)-(5.45) of Gnadt 2022 with the regressor φ = ∂m/∂w where it prints β:
 ///
 /// ```text
 /// K = P φ/(σ² + φᵀ P φ),      w ← w + K (y − m(w)),      P ← (I − K φᵀ) P (I − K φᵀ)ᵀ + K σ² Kᵀ
@@ -105,7 +105,7 @@ impl<'a> Recursion<'a> {
 ///
 /// Changes Δw of weights that do not walk have the squares P_half − P_end in the mean; what is above that is walk.
 /// `memory_s` bounds it from below, as many weights show none. (MagNav.jl takes the smallest |Δw| of any step, and the
-/// covariance from a recursion whose regressor is the weights, as the thesis prints it.)
+/// covariance from a recursion whose regressor is the weights, as Gnadt 2022 prints it.)
 ///
 /// # Errors
 /// Fails for columns of different lengths, times that do not ascend, fewer than four usable rows, parameters that are

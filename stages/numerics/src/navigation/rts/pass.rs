@@ -69,7 +69,7 @@ struct Filtered {
     phi: StateMatrix,
     /// After its measurement.
     estimate: Estimate,
-    /// The positions from elsewhere, and the measurement.
+    /// The aiding positions, and the measurement.
     used: [Option<Used>; 4],
 }
 
@@ -145,7 +145,7 @@ impl<'a> Pass<'a> {
         Ok(())
     }
 
-    /// The positions from elsewhere of a row.
+    /// The aiding positions of a row.
     #[inline(always)]
     fn aid(&self, row: usize, estimate: &mut Estimate) -> [Option<Used>; 3] {
         self.line.fixes_at(row).map(|fix| fix.map(|fix| LinearMeasurement::of_fix(&fix).correct(estimate)))

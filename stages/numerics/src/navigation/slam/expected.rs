@@ -356,7 +356,7 @@ impl View<'_> {
         self.field(&samples[..count], self.rules.temporal, self.rules.kernel.mean_nt2())
     }
 
-    /// By the earlier samples within the radius, whose mean is the prior mean. [thesis 001, (85)]
+    /// By the earlier samples within the radius, whose mean is the prior mean. [Lee 2019, (85)]
     fn regression(&self, chosen: &Chosen, old: &[Candidate<'_>]) -> Option<Expected> {
         let mut samples = [Sighting::default(); MOST_NEIGHBOURS];
         for ((_, at_m, place), sample) in chosen.iter().zip(&mut samples) {

@@ -28,8 +28,8 @@ pub struct AlongTrack {
 }
 
 impl AlongTrack {
-    /// The samples of the first so many seconds; of more than 200 a run of 200 neighbours each would see too little of the
-    /// path, so that every second, third, … is taken.
+    /// The samples of the first so many seconds; of more than 200 a run of 200 neighbours each would see too little of
+    /// the path, so that every second, third, … is taken.
     pub fn of(samples: &[Sample], window_s: f64) -> Self {
         let first_s = samples.first().map_or(0.0, |sample| sample.tt_s);
         let count = samples.partition_point(|sample| sample.tt_s - first_s <= window_s);
@@ -51,7 +51,7 @@ impl AlongTrack {
 
     /// The logarithm of the likelihood of a kernel, with the mean that is most likely and a temporal variation of this
     /// standard deviation (nT) and correlation time (s); minus infinity for a covariance that is not positive.
-    /// [thesis 001, (53)]
+    /// [Lee 2019, (53)]
     pub fn log_likelihood(&self, kernel: &Kernel, temporal: (f64, f64)) -> f64 {
         let n = self.value_nt.len();
         let (sigma_nt, tau_s) = temporal;

@@ -72,8 +72,8 @@ impl Kernel {
         }
     }
 
-    /// How the covariance changes with the distance vector d of its points: its gradient is −`first` d, its matrix of second
-    /// derivatives `second` d dᵀ − `first` I, and its derivative by the logarithm of the length `first` |d|².
+    /// How the covariance changes with the distance vector d of its points: its gradient is −`first` d, its matrix of
+    /// second derivatives `second` d dᵀ − `first` I, and its derivative by the logarithm of the length `first` |d|².
     #[inline(always)]
     pub(super) fn bends(&self, distance2_m2: f64) -> Bends {
         let (power, per_m2) = (self.sigma_se_nt * self.sigma_se_nt, 1.0 / (self.length_m * self.length_m));
@@ -161,8 +161,8 @@ impl Bordered {
         }
     }
 
-    /// Mean and variance of the point, by elimination without square roots; `None` where the covariance of the samples is
-    /// not positive. [thesis 001, (51), (52)]
+    /// Mean and variance of the point, by elimination without square roots; `None` where the covariance of the samples
+    /// is not positive. [Lee 2019, (51), (52)]
     pub fn solve(mut self) -> Option<Expected> {
         let n = self.samples;
         for pivot in 0..n {

@@ -79,9 +79,9 @@ pub struct SlamParameters {
     pub gate_nis: Option<f64>,
     /// Hand out the most probable track of the whole flight in place of the filter's; see [`super::smoother`].
     pub smoother: Option<SmootherParameters>,
-    /// Hand out the error states of every sample.
+    /// Returns the error states of every sample.
     pub keep_states: bool,
-    /// Hand out the covariance of every sample; a smoothed track has none but that of its position.
+    /// Returns the covariance of every sample; a smoothed track has none but that of its position.
     pub keep_covariance: bool,
 }
 

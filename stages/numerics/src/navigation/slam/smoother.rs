@@ -10,9 +10,9 @@
 //!
 //! # Equations
 //!
-//! The position error over the line is Gaussian, with the covariance of the chain of all steps, x ← Φ x + w; it is written
-//! as δ = B u with u ~ N(0, I) ([`motion::Functions`]). The map is not a state: given the path p = p_ins + B u the
-//! measurements are jointly Gaussian [Lawrence 2003],
+//! The position error over the line is Gaussian, with the covariance of the chain of all steps, x ← Φ x + w; it is
+//! written as δ = B u with u ~ N(0, I) ([`motion::Functions`]). The map is not a state: given the path p = p_ins + B u
+//! the measurements are jointly Gaussian [Lawrence 2003],
 //!
 //! ```text
 //! z ~ N(μ, C(p)),    C = K(p, p) + σ_S² exp(−|t − t'|/τ) + R
@@ -24,29 +24,29 @@
 //! J(u) = (z − μ)ᵀ C⁻¹ (z − μ)/2 + log |C|/2 + uᵀu/2
 //! ```
 //!
-//! The map integrated out, J does not depend on where the flight is as a whole, only on how its parts lie to each other, so
-//! that what no revisit tells keeps the covariance of the INS. A map linearised about an estimate, f + g·δ, would claim to
-//! know it: a shift of all positions is not free there. Gradient and matrix of second derivatives are exact. The step is
-//! Newton's, without those curvatures of the likelihood that are negative, halved until J does not rise. The covariance
-//! of u is the inverse of the matrix at the optimum (Laplace), with the slopes of this field and not those that the kernel
-//! expects. Where the hyper-parameters are fitted, each pass begins with a step of Fisher's scoring of them by the same
-//! likelihood.
+//! The map integrated out, J does not depend on where the flight is as a whole, only on how its parts lie to each
+//! other, so that what no revisit tells keeps the covariance of the INS. A map linearised about an estimate, f + g·δ,
+//! would claim to know it: a shift of all positions is not free there. Gradient and matrix of second derivatives are
+//! exact. The step is Newton's, without those curvatures of the likelihood that are negative, halved until J does not
+//! rise. The covariance of u is the inverse of the matrix at the optimum (Laplace), with the slopes of this field and
+//! not those that the kernel expects. Where the hyper-parameters are fitted, each pass begins with a step of Fisher's
+//! scoring of them by the same likelihood.
 //!
-//! Positions from elsewhere are measurements of δ, and add a quadratic form in u. With a gate the measurements that it leaves
+//! Aiding positions are measurements of δ, and add a quadratic form in u. With a gate the measurements that it leaves
 //! out of the filter are left out, and once those that all others tell to be outliers.
 //!
-//! J may have several optima. Three searches with half of the measurements look for the deepest: from the path of the filter
-//! (the mean of the particles' histories); from it with a kernel whose white part is large, which makes valleys wide, and is
-//! narrowed as the fit goes on; and from the INS, where it is exact at first, with the flight taken in part by part, so
-//! that each part is foreseen by those before. Where on the best the measurements of two visits contradict each other
-//! ([`evidence`](mod@evidence)), four more searches take smaller parts in, or wider valleys. The best goes on with all measurements. What comes
-//! out is more probable than the path of the filter, or not taken.
+//! J may have several optima. Three searches with half of the measurements look for the deepest: from the path of the
+//! filter (the mean of the particles' histories); from it with a kernel whose white part is large, which makes valleys
+//! wide, and is narrowed as the fit goes on; and from the INS, where it is exact at first, with the flight taken in
+//! part by part, so that each part is foreseen by those before. Where on the best the measurements of two visits
+//! contradict each other ([`evidence`](mod@evidence)), four more searches take smaller parts in, or wider valleys. The
+//! best goes on with all measurements. What comes out is more probable than the path of the filter, or not taken.
 //!
 //! # Cost
 //!
 //! With n measurements a pass is some 15 n³ multiplications on all threads, and memory is 70 n² bytes; functions and
-//! states take 5 kB and 16 bytes a function for each step. Some ten passes are made, and those of the starts are an eighth of
-//! that work each: 1000 measurements take about twenty seconds of a core.
+//! states take 5 kB and 16 bytes a function for each step. Some ten passes are made, and those of the starts are an
+//! eighth of that work each: 1000 measurements take about twenty seconds of a core.
 
 pub mod evidence;
 pub mod likelihood;
@@ -122,7 +122,7 @@ impl SmootherParameters {
     }
 }
 
-/// How the smoother went.
+/// Report on the smoother.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SmootherReport {
     /// Measurements looked at.
@@ -172,9 +172,9 @@ struct Smoothed {
     report: SmootherReport,
 }
 
-/// Replaces track and path of a filter's output by the smoothed ones; the innovations stay the filter's. False, and nothing
-/// is done, where there is no smoothed track: fewer than two measurements, or a covariance that is not positive in
-/// floating point.
+/// Replaces track and path of a filter's output by the smoothed ones; the innovations stay the filter's. False, and
+/// nothing is done, where there is no smoothed track: fewer than two measurements, or a covariance that is not positive
+/// in floating point.
 ///
 /// # Errors
 /// [`NavigationError::Diverged`] where the covariance of the INS is not finite.
@@ -321,8 +321,8 @@ impl<'a> Known<'a> {
         problem_of(thin, self.motion, self.functions, self.of)
     }
 
-    /// The best of several starts, by their optima with half of the measurements. Where visits contradict each other on it, there
-    /// are more.
+    /// The best of several starts, by their optima with half of the measurements. Where visits contradict each other on
+    /// it, there are more.
     fn best_start(&self, used: &[(Sample, [f64; 2])], thin: &[Displaced]) -> Option<Start> {
         if thin.len() < 2 || self.functions.count == 0 {
             return None;
@@ -364,8 +364,8 @@ impl<'a> Known<'a> {
         Some(found.unwrap_or(Start { weights: filtered, kernel: narrow, filtered_cost }))
     }
 
-    /// The search from a start on at its optimum. Where the kernel is not fitted, another one than the given one is only that of
-    /// a first search.
+    /// The search from a start on at its optimum. Where the kernel is not fitted, another one than the given one is
+    /// only that of a first search.
     fn settled<'p>(&'p self, problem: &'p Problem, weights: Vec<f64>, kernel: Kernel) -> Option<Search<'p>> {
         let rules = self.rules(problem);
         let mut search = Search::from(problem, self.prior, rules, weights, kernel)?;
@@ -382,8 +382,9 @@ impl<'a> Known<'a> {
         Some(evidence(problem, self.prior, self.rules(problem), search)?.agreement())
     }
 
-    /// The weights that a search finds whose measurements begin with those of the first part of the flight, and take the next
-    /// part in when these are settled: the most probable weights given the first part foresee the path of the next.
+    /// The weights that a search finds whose measurements begin with those of the first part of the flight, and take
+    /// the next part in when these are settled: the most probable weights given the first part foresee the path of the
+    /// next.
     fn grown(&self, measured: &[Displaced], parts: usize, kernel: Kernel) -> Option<Vec<f64>> {
         let mut weights = solved(&self.prior.information, &self.prior.force)?;
         for part in 1..=parts {
@@ -397,8 +398,8 @@ impl<'a> Known<'a> {
         Some(weights)
     }
 
-    /// The optimum from a start on, with the factor of its covariance; `None` where J stays above that of the path of the filter,
-    /// and where a covariance is not positive.
+    /// The optimum from a start on, with the factor of its covariance; `None` where J stays above that of the path of
+    /// the filter, and where a covariance is not positive.
     fn searched(&self, mut thin: Vec<Displaced>, start: Start) -> Option<(Vec<f64>, Mat<f64>, SmootherReport)> {
         let Start { mut weights, mut kernel, filtered_cost } = start;
         let mut may_gate = self.of.gate_nis;

@@ -21,8 +21,8 @@ pub struct Motion {
 
 /// The position error at the steps of a line, δ = B u with u ~ N(0, I), and what is left of its variance.
 ///
-/// The columns of B are those of the pivoted Cholesky factor of the covariance of all δ, so that a weight is the part of one
-/// pivot's error that the pivots before it do not tell. [Harbrecht, Peters & Schneider 2012]
+/// The columns of B are those of the pivoted Cholesky factor of the covariance of all δ, so that a weight is the part
+/// of one pivot's error that the pivots before it do not tell. [Harbrecht, Peters & Schneider 2012]
 pub struct Functions {
     /// The number of functions.
     pub count: usize,
@@ -214,7 +214,7 @@ impl Motion {
         self.p.len()
     }
 
-    /// What positions from elsewhere say of the weights: their information matrix by rows, and that times their most
+    /// What aiding positions say of the weights: their information matrix by rows, and that times their most
     /// probable weights.
     pub fn known(&self, functions: &Functions, line: &SlamLine<'_>, fixes: &PositionFixes) -> (Vec<f64>, Vec<f64>) {
         let count = functions.count;
