@@ -25,7 +25,7 @@ pub use crate::navigation::aids::{
 use filter::Filter;
 pub use slope_error::likely_slope_error;
 
-/// How a measurement of the field is linearised.
+/// Linearisation of a measurement of the field.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Linearisation {
     /// At the predicted state, as [`ekf`](crate::navigation::ekf).
@@ -42,10 +42,10 @@ pub enum Linearisation {
     Unscented(UkfParameters),
 }
 
-/// How the line is filtered, and what is handed out.
+/// Parameters of the filter and its optional outputs.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct AidedParameters {
-    /// How measurements of the field are linearised.
+    /// Linearisation of measurements of the field.
     pub linearisation: Linearisation,
     /// Largest NIS of a measurement; larger ones are rejected. `None` uses every measurement.
     pub gate_nis: Option<f64>,
@@ -68,7 +68,7 @@ pub struct AidedOutput {
     /// The standard deviation of what is not linear in the scalar field, in nT, by [`Linearisation::Unscented`]; else
     /// NaN.
     pub nonlinear_sd_nt: Vec<f64>,
-    /// Of the further measurements.
+    /// Innovations of the further measurements.
     pub aids: AidInnovations,
     /// The delay of the scalar magnetometer at each sample, and standard deviation of it, in s; empty where it is no
     /// state.

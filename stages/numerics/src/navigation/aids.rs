@@ -86,8 +86,8 @@ pub struct Vector<'a> {
     pub sigma_nt: f64,
     /// Slow error of each component, in nT.
     pub bias: GaussMarkov,
-    /// The standard deviation, in nT, of each component (north, east, down) of the crustal field that a scalar map does
-    /// not tell.
+    /// Standard deviation, in nT, of each component (north, east, down) of the crustal field that a scalar map does not
+    /// determine.
     pub crustal_sigma_nt: f64,
     /// The distance over which that lasts, in m.
     pub crustal_length_m: f64,
@@ -129,7 +129,8 @@ pub struct Aids<'a> {
     /// The standard deviation of the delay of the scalar magnetometer before the line, in s, as a constant state: a
     /// sample that is stamped `t` was measured at `t` less the delay.
     pub latency_sigma_s: Option<f64>,
-    /// The map is too flat where standard deviation of the measurement is more than so many metres of its slope.
+    /// Largest standard deviation of a measurement, divided by the map's slope, in m, for which the map observes the
+    /// position.
     pub flat_over_m: Option<f64>,
 }
 
@@ -138,13 +139,13 @@ pub struct Aids<'a> {
 pub enum Usage {
     /// One or more was used, and carried a position.
     Used,
-    /// The scalar field was used, but the map is too flat to tell a position; no other was.
+    /// The scalar field was used, but the map is too flat to observe the position; no other measurement was used.
     Flat,
     /// There was none.
     Missing,
     /// The predicted position is off the map or in an unknown cell.
     OffMap,
-    /// The innovation gate left out all.
+    /// The innovation gate rejected all measurements.
     Gated,
 }
 
@@ -172,11 +173,11 @@ pub struct Innovations {
 /// The innovations of all further measurements.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct AidInnovations {
-    /// Of the difference.
+    /// Innovations of the difference.
     pub difference: Innovations,
-    /// Of the vector.
+    /// Innovations of the vector.
     pub vector: Innovations,
-    /// Of the height.
+    /// Innovations of the height.
     pub height: Innovations,
 }
 

@@ -27,7 +27,7 @@ use pulp::{Simd, WithSimd};
 use crate::navigation::estimate::{Estimate, Recursion};
 use crate::navigation::sensitivity::Sensitivity;
 
-/// What is known of the true path, one value per sample in every column.
+/// True path, one value per sample in every column.
 #[derive(Clone, Copy, Debug)]
 pub struct TruePath<'a> {
     /// Geodetic latitude, in degrees.
@@ -95,7 +95,7 @@ pub fn run(
 /// The bound with further measurements besides the scalar field; as [`run`]. Of each, residual and NIS are measurement
 /// minus truth and its square over the variance of noise and what lasts.
 ///
-/// A bound knows the map, so that no sample is too flat: of [`Aids::flat_over_m`] nothing is used.
+/// The bound uses the exact map, so [`Aids::flat_over_m`] is ignored.
 ///
 /// # Errors
 /// As [`run`] and [`Aids::check`].

@@ -134,8 +134,8 @@ impl EkfPoint<'_> {
 /// innermost cache meanwhile, and the steps in the next-level cache.
 const BLOCK: usize = 32;
 
-/// So many filters or fewer that fill no register run one by one: the vector unit then works along the rows of a
-/// matrix, and is done before it would be with all lanes.
+/// Number of filters up to which they run one by one: with few filters the vector unit is faster along the rows of a
+/// matrix than across the filters.
 const FEW: usize = 2;
 
 /// Filters that share their steps, as the work that is dispatched to the machine's vector unit.

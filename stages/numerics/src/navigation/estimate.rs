@@ -49,7 +49,7 @@ pub(crate) struct Estimate {
     pub(crate) p: StateMatrix,
 }
 
-/// A scalar measurement z = H x + v of the states, beside an estimate.
+/// A scalar measurement z = H x + v of the states, with an estimate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Linearised {
     /// H.
@@ -60,7 +60,7 @@ pub(crate) struct Linearised {
     pub(crate) variance: f64,
 }
 
-/// What a correction was made with.
+/// Quantities of a measurement update.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Corrected {
     /// K.
@@ -178,9 +178,9 @@ impl Estimate {
     }
 }
 
-/// What distinguishes one filter of a single estimate from another.
+/// Differences between filters with a single estimate.
 pub(crate) trait Recursion {
-    /// Where the estimates go.
+    /// Output of the estimates.
     fn output(&mut self) -> &mut NavigationOutput;
 
     /// Changes the estimate before the step from it.

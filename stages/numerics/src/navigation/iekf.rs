@@ -43,8 +43,7 @@ pub struct IekfParameters {
     pub iterations: usize,
     /// The iteration ends where a step moves the position by less than this, in m.
     pub tolerance_m: f64,
-    /// A measurement whose squared innovation over its variance is above this is left out and counted; `None` uses
-    /// every one.
+    /// Largest NIS of a measurement; larger ones are rejected and counted. `None` uses every measurement.
     pub gate_nis: Option<f64>,
     /// Returns the error states of every sample (144 bytes each).
     pub keep_states: bool,

@@ -31,7 +31,7 @@ pub struct NavigationLine<'a> {
     pub core: Option<&'a Arc<CoreField>>,
     /// The error sources of the INS and the temporal variation.
     pub errors: InsErrorModel,
-    /// The mean of measurement minus prediction over the first so many seconds is taken off; 0 takes nothing off.
+    /// Length, in s, of the window whose mean of measurement minus prediction is subtracted; 0 subtracts nothing.
     pub offset_window_s: f64,
     /// Aiding positions, each used before the measurement of its sample.
     pub fixes: Option<&'a PositionFixes>,

@@ -65,13 +65,13 @@ pub struct Magnetometer<'a> {
     pub sigma_nt: &'a [f64],
     /// The terms, row-major, one row per sample and one column per coefficient.
     pub terms: &'a [f64],
-    /// What is known of the coefficients before the line.
+    /// Prior of the coefficients.
     pub prior: &'a CoefficientPrior,
     /// The spectral density of each coefficient's random walk, in its unit squared per s; 0 for a constant.
     pub walk_density: &'a [f64],
 }
 
-/// What the filter found of the aircraft's field at one magnetometer.
+/// Estimated aircraft field at one magnetometer.
 #[derive(Clone, Debug, Default)]
 pub struct AircraftEstimate {
     /// The coefficients after the last sample.

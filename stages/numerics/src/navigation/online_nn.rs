@@ -51,7 +51,7 @@ pub struct NetworkOutput {
     pub usage: Vec<Usage>,
     /// Their innovations.
     pub aids: AidInnovations,
-    /// As in [`OnlineOutput`](super::online::OnlineOutput).
+    /// See [`OnlineOutput`](super::online::OnlineOutput).
     pub slope_nt_per_m: Vec<f64>,
 }
 

@@ -8,8 +8,8 @@ use crate::navigation::ins_series::{InsSeries, SeriesError};
 use crate::navigation::output::NavigationError;
 use crate::navigation::pinson::{ALT, LAT, LON};
 
-/// Positions at the samples of a line; NaN where there is none. Each coordinate is a measurement by itself, with white
-/// noise, so that a barometer is a fix of the height alone.
+/// Positions at the samples of a line; NaN where there is none. Each coordinate is a separate measurement with white
+/// noise, so a barometer is a fix of the height alone.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PositionFixes {
     /// Geodetic latitude, in degrees.

@@ -94,7 +94,8 @@ pub struct SmootherParameters {
     pub tolerance_m: f64,
     /// The loss of a residual.
     pub loss: Loss,
-    /// Where a robust loss leaves the square, in sigmas; `None` is the scale of [`Loss::usual_scale`].
+    /// Residual above which a robust loss departs from the square, in standard deviations; `None` is
+    /// [`Loss::usual_scale`].
     pub loss_scale: Option<f64>,
     /// Returns the error states of every sample.
     pub keep_states: bool,
@@ -138,14 +139,14 @@ pub struct SmootherReport {
     /// and did not lower J, and what halvings of it did is less than 0.01. The second is how it often ends on a
     /// bilinear map: its slope jumps between the nodes, and J has an edge at the minimum.
     pub converged: bool,
-    /// How far the last whole step moves a position of the line at the most, in m; infinite after a single pass, which
-    /// has no step. Without convergence, an estimate of how far the trajectory is from the most probable.
+    /// Largest change of a position of the line in the last full step, in m; infinite after a single pass, which has no
+    /// step. Without convergence, an estimate of the distance of the trajectory from the most probable one.
     pub last_step_m: f64,
-    /// The last whole step in standard deviations: no state of the line, and no combination of states, moves by more of
-    /// its own. The root of twice the fall of J that the linear problem promises (the Newton decrement); infinite after
-    /// a single pass.
+    /// Last full step in standard deviations: no state of the line, and no combination of states, changes by more than
+    /// this number of its own standard deviations. It is the square root of twice the decrease of J predicted by the
+    /// linear problem (the Newton decrement); infinite after a single pass.
     pub last_step_sigmas: f64,
-    /// J of the trajectory handed out, over the measurements that have a map value there.
+    /// J of the returned trajectory, over the measurements with a map value there.
     pub cost: f64,
 }
 
@@ -199,7 +200,7 @@ struct Step {
     fall: f64,
 }
 
-/// What a step is judged by.
+/// Criterion for a step.
 struct Candidate {
     trajectory: Trajectory,
     /// J of the candidate minus J of the trajectory before, over the measurements that both have a map value for.

@@ -147,7 +147,7 @@ struct Filter<'a> {
     samples: Vec<Option<Sample>>,
     particles: Particles,
     map: Map,
-    /// What resampling has taken from the covariance.
+    /// Variance that resampling has removed from the covariance.
     lost: Lost,
     /// Displacement of each particle at the mean time of the step's measurements, in m.
     now_m: Vec<[f64; 2]>,
@@ -157,7 +157,7 @@ struct Filter<'a> {
     exact: Option<Moments>,
     /// The covariance of the INS alone.
     alone: StateMatrix,
-    /// Which of the map's samples the gate has left out.
+    /// Samples of the map that the gate has rejected.
     gated: Vec<bool>,
     out: SlamOutput,
 }

@@ -329,7 +329,7 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
-/// What an error of the position makes of a slope, in nT².
+/// Variance of a slope times a position error, in nT².
 fn moved([east, north]: [f64; 2], [ee, nn, en]: [f64; 3]) -> f64 {
     (east * east * ee + north * north * nn + 2.0 * east * north * en).max(0.0)
 }
@@ -383,7 +383,7 @@ fn misfit(basis: &Basis, solution: &Solution, rows: &[Row]) -> f64 {
     (squares.iter().sum::<f64>() / rows.len() as f64).sqrt()
 }
 
-/// The unknowns beside the basis: the level, the constants of lines and the temporal variation of flights.
+/// Unknowns besides the basis: the level, the constants of lines and the temporal variation of flights.
 struct Beside {
     columns: usize,
     level_nt2: f64,

@@ -23,7 +23,8 @@ pub struct AidedAdaptiveOutput {
     pub given_back: Vec<f64>,
 }
 
-/// [`run`](super::run) with further measurements, whose noise is as told: that of the magnetometers alone is learnt.
+/// [`run`](super::run) with further measurements, whose noise is fixed. Only the noise of the magnetometers is
+/// estimated.
 ///
 /// H P Hᵀ of an innovation holds the map's error where that is a state, so that it is not learnt as white noise. A
 /// sample where the map is too flat is learnt from, and corrects the temporal variation and the map's error alone.

@@ -11,15 +11,15 @@ const FINER: f64 = 2.0;
 /// the map.
 const LEAST_PART: f64 = 0.9;
 
-/// How likely the innovations of a run are.
+/// Likelihood of the innovations of a run.
 struct Likelihood {
     samples: usize,
     /// The mean of ln p + ½ ln 2π over the differences.
     mean: f64,
 }
 
-/// Standard deviation of the error of the map's slope along the baseline, in nT/m, whose innovations of the difference
-/// are the most likely along a line; 0 without a difference, and where no run can tell.
+/// Standard deviation of the error of the map's slope along the baseline, in nT/m, with maximum likelihood of the
+/// innovations of the difference along a line. 0 without a difference, or if no run determines it.
 ///
 /// Each value is tried with the scalar field and without, as the field may be disturbed by what the difference is free
 /// of, or hold the aircraft's. Costs up to 16 runs of an extended Kalman filter.

@@ -7,7 +7,7 @@ use crate::navigation::ins_series::SeriesError;
 use crate::navigation::line::NavigationLine;
 use crate::navigation::output::NavigationError;
 
-/// The distance of a slope's error from a slope, in m, where a line is too flat to tell one.
+/// Ratio of the slope of a field to the slope's error, in m, for a line too flat to determine it.
 const FLAT_LENGTH_M: f64 = 1000.0;
 
 /// Standard deviations of the errors of a map's slope. The default is an exact map.

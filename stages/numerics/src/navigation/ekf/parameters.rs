@@ -10,12 +10,12 @@ pub struct EkfParameters {
     pub errors: InsErrorModel,
     /// Standard deviation of the measurement noise, in nT: sensor, map and what compensation left.
     pub measurement_sigma_nt: f64,
-    /// The mean of measurement minus prediction (map and core field at the INS position) over the
-    /// first so many seconds is taken off every measurement; 0 takes nothing off. Compensation and
-    /// maps leave a constant undetermined that may be far beyond what S can take up.
+    /// Length, in s, of the window from the start of the line whose mean of measurement minus prediction (map and core
+    /// field at the INS position) is subtracted from every measurement; 0 subtracts nothing. Compensation and maps
+    /// leave a constant undetermined that may be far beyond the range of S.
     pub offset_window_s: f64,
-    /// A measurement whose squared residual over its variance is above this is left out and
-    /// counted; `None` uses every one. 10.83 leaves out one good measurement in a thousand.
+    /// Largest NIS of a measurement; larger ones are rejected and counted. `None` uses every measurement. 10.83 rejects
+    /// one good measurement in a thousand.
     pub gate_nis: Option<f64>,
     /// Returns the error states of every sample (144 bytes each).
     pub keep_states: bool,

@@ -14,7 +14,7 @@ use super::parameters::FixedLagParameters;
 use super::window::Window;
 use super::{FixedLagOutput, Magnetometer, Usage};
 
-/// What is estimated of a node, and of the innovation there.
+/// Estimate at a node, with the innovation there.
 pub(super) struct Estimate {
     rows: Range<usize>,
     tt_s: f64,

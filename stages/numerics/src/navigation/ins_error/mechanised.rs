@@ -23,9 +23,9 @@ pub struct MechanisedExtras {
     pub gyro_scale: [f64; 3],
 }
 
-/// As [`errors_along`](super::errors_along), with the same realisation for the same draws, but mechanised. Errors are
-/// added to error-free readings of the trajectory, a barometer-aided strapdown mechanisation integrates them, and the
-/// error is the exact motion minus the result.
+/// Errors like those of [`errors_along`](super::errors_along), with the same realisation for the same draws, but
+/// mechanised. Errors are added to error-free readings of the trajectory, a barometer-aided strapdown mechanisation
+/// integrates them, and the error is the exact motion minus the result.
 ///
 /// The exact motion is the error-free mechanisation of the error-free readings. Its position stays
 /// within the trapezoidal rule of the trajectory's, which then cancels in the error.

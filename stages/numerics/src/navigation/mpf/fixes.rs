@@ -7,7 +7,8 @@ use super::cloud::{BLOCK, Block, Cloud, Lanes, NO_SUMS, accumulate, total};
 use super::covariance::correct;
 use super::filter::{Filter, LEAST_LEFT, MOST_PARTS, Turn};
 
-/// The smallest part of what is left of a fix: a cloud of kilometres meets a fix of metres.
+/// Smallest fraction of the remaining information of a fix that is used at once, for a cloud of kilometres and a fix of
+/// metres.
 const LEAST_PART: f64 = 1e-12;
 
 /// Weights that are not yet the cloud's.

@@ -15,11 +15,11 @@ const SIDE: usize = 32;
 /// Half the width of the grid, in standard deviations; what is farther out is in the cells of the edge.
 const HALF_WIDTH: f64 = 4.0;
 const CELLS: usize = SIDE * SIDE;
-/// How often a mode is looked at more closely.
+/// Number of refinements of a mode.
 const LEVELS: usize = 5;
 const NONE: u32 = u32::MAX;
 
-/// Points told apart.
+/// Clusters of points.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Clusters {
     /// The mode of each point, from 0.
@@ -173,7 +173,7 @@ impl Scratch {
         (hill != NONE).then_some(hill as usize)
     }
 
-    /// Smooths by 1 2 1 along both axes, so many times; what would leave the grid stays in it.
+    /// Smooths by 1 2 1 along both axes `passes` times, without loss at the edges of the grid.
     fn blur(&mut self, passes: usize) {
         self.smooth.resize(CELLS, 0.0);
         for _ in 0..passes {

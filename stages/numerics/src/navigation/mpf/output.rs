@@ -29,20 +29,20 @@ pub struct MpfOutput {
     pub report: MpfReport,
 }
 
-/// How the particles fared. A cloud that has lost the aircraft shows as `unexplained` or `collapsed` samples.
+/// Report on the particles. A cloud that has lost the aircraft appears as `unexplained` or `collapsed` samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct MpfReport {
-    /// How often the particles were resampled.
+    /// Number of resamplings.
     pub resamplings: usize,
     /// Samples with a measurement of the field that no particle explains ([`super::UNEXPLAINED_NIS`]), which is not
     /// used.
     pub unexplained: usize,
-    /// The most of them in a row, samples without a measurement left out.
+    /// Largest number of them in a row, without counting samples without a measurement.
     pub unexplained_in_a_row: usize,
     /// Samples with an effective number of particles below 2 after their measurement: one particle is the estimate,
     /// and its covariance means nothing.
     pub collapsed: usize,
-    /// The most of them in a row, samples without a used measurement left out.
+    /// Largest number of them in a row, without counting samples without a used measurement.
     pub collapsed_in_a_row: usize,
     /// The smallest effective number of particles.
     pub least_effective: f64,

@@ -34,19 +34,19 @@ pub struct LineModel<'a> {
     pub core: Option<&'a Arc<CoreField>>,
     /// The error sources of the INS and the temporal variation.
     pub errors: InsErrorModel,
-    /// The mean, over the first so many seconds, of measurement minus prediction (with the model of the aircraft's
-    /// field as it is before the line) is taken off each magnetometer; 0 takes nothing off. Not needed where a
-    /// constant is among the states with a prior as wide as the offset.
+    /// Length, in s, of the window from the start of the line whose mean of measurement minus prediction (with the
+    /// prior of the aircraft field) is subtracted from each magnetometer; 0 subtracts nothing. Not needed if a constant
+    /// is among the states and its prior is as wide as the offset.
     pub offset_window_s: f64,
     /// Aiding positions, each used before the measurements of its sample.
     pub fixes: Option<&'a PositionFixes>,
-    /// Measurements beside the magnetometers, each used after them. Where the map is too flat, a magnetometer corrects
-    /// the temporal variation, the map's error and the aircraft's field alone.
+    /// Measurements besides the magnetometers, each used after them. Where the map is too flat, a magnetometer corrects
+    /// only the temporal variation, the map error and the aircraft field.
     pub aids: Aids<'a>,
 }
 
 impl<'a> LineModel<'a> {
-    /// Of a line, whose own measurement is left out.
+    /// Model of a line without its own measurement.
     pub fn of(line: &NavigationLine<'a>) -> Self {
         let NavigationLine { ins, map, core, errors, offset_window_s, fixes, .. } = *line;
         Self { ins, map, core, errors, offset_window_s, fixes, aids: Aids::default() }
@@ -59,11 +59,11 @@ impl<'a> LineModel<'a> {
     }
 }
 
-/// What the filter hands out beside the track, and which measurements it leaves out.
+/// Optional outputs besides the track, and the innovation gate.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct OnlineParameters {
-    /// A measurement whose squared residual over its variance, after those of the magnetometers before it, is above
-    /// this is left out and counted; `None` uses every one.
+    /// Largest NIS of a measurement, after those of the magnetometers before it; larger ones are rejected and counted.
+    /// `None` uses every measurement.
     pub gate_nis: Option<f64>,
     /// Hand out the 18 error states of every sample.
     pub keep_states: bool,
@@ -73,7 +73,7 @@ pub struct OnlineParameters {
     pub keep_coefficients: bool,
 }
 
-/// How the samples of a magnetometer were used; the first four add up to the number of samples.
+/// Use of the samples of a magnetometer. The first four counts add up to the number of samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct MagnetometerReport {
     /// Samples that were used.

@@ -6,7 +6,7 @@ use super::super::online::augmented::{check_covariance, refused};
 use super::super::online::covariance::{Covariance, Scalar, dot};
 use super::Network;
 
-/// What is known of the weights before a line.
+/// Prior of the weights of a line.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct NetworkPrior {
     /// The weights.
@@ -27,19 +27,19 @@ pub struct Calibration<'a> {
     pub tt_s: &'a [f64],
     /// The features, row-major.
     pub features: &'a [f64],
-    /// The aircraft's field, in nT; rows where it is not finite, or a feature is not, are left out.
+    /// Aircraft field, in nT. Rows where it or a feature is not finite are skipped.
     pub aircraft_nt: &'a [f64],
 }
 
-/// How a network is trained.
+/// Parameters of the training.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrainingParameters {
     /// The seed of the first weights.
     pub seed: u64,
     /// The noise of the aircraft's field in the calibration, in nT.
     pub sigma_nt: f64,
-    /// How often the calibration is gone through. Each pass begins with the weights of the one before and the prior
-    /// covariance, so that the covariance is that of seeing the samples once.
+    /// Number of passes over the calibration. Each pass starts from the weights of the previous pass and the prior
+    /// covariance, so the covariance is that of a single pass.
     pub passes: usize,
     /// The time, in s, in which the weights are expected to change by as much as the calibration leaves unknown.
     pub memory_s: f64,

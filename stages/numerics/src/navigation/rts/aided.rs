@@ -13,7 +13,7 @@ use super::{SmootherParameters, SmootherReport};
 pub struct AidedSmootherOutput {
     /// The line, as that of [`SmootherOutput`](super::SmootherOutput).
     pub line: NavigationOutput,
-    /// How the iteration went; the size of its last step in standard deviations is not known.
+    /// Report on the iteration. The size of its last step in standard deviations is unknown.
     pub iterations: SmootherReport,
     /// Outcome of each sample.
     pub usage: Vec<Usage>,

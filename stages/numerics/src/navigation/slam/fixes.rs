@@ -69,7 +69,7 @@ pub(super) fn update(x: &mut StateVector, p: &mut StateMatrix, fix: &StateFix) {
 }
 
 impl Particles {
-    /// Weights the particles by a fix, each of which then knows it.
+    /// Weights the particles by a fix, and conditions each on it.
     pub(super) fn foresee(&mut self, fix: &StateFix) {
         let (gain, total) = (gain(&self.linear, fix), self.linear[fix.state][fix.state] + fix.variance);
         let logs: Vec<f64> = self.x.iter().map(|x| -0.5 * (fix.error - x[fix.state]).powi(2) / total).collect();

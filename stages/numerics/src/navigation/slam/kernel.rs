@@ -72,8 +72,9 @@ impl Kernel {
         }
     }
 
-    /// How the covariance changes with the distance vector d of its points: its gradient is −`first` d, its matrix of
-    /// second derivatives `second` d dᵀ − `first` I, and its derivative by the logarithm of the length `first` |d|².
+    /// Derivatives of the covariance with respect to the distance vector d of its points: the gradient is −`first` d,
+    /// the matrix of second derivatives `second` d dᵀ − `first` I, and the derivative by the logarithm of the length
+    /// `first` |d|².
     #[inline(always)]
     pub(super) fn bends(&self, distance2_m2: f64) -> Bends {
         let (power, per_m2) = (self.sigma_se_nt * self.sigma_se_nt, 1.0 / (self.length_m * self.length_m));
@@ -145,7 +146,7 @@ pub struct Bordered {
 }
 
 impl Bordered {
-    /// For at most [`MOST_NEIGHBOURS`] samples; more are left out.
+    /// Problem of at most [`MOST_NEIGHBOURS`] samples; further ones are ignored.
     pub fn new(samples: usize) -> Self {
         Self { columns: [[0.0; ROWS]; ROWS], samples: samples.min(MOST_NEIGHBOURS) }
     }

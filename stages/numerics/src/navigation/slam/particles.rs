@@ -45,8 +45,8 @@ impl Moments {
     }
 }
 
-/// The first two columns of the Cholesky factor of a covariance, latitude and longitude, and what is left of it for the
-/// other states once these two are known.
+/// First two columns of the Cholesky factor of a covariance (latitude and longitude), and the covariance of the other
+/// states given these two.
 ///
 /// With C = Φ P Φᵀ + Q this is the time update of the marginalised filter with every cross-covariance of the noise: the
 /// upper two rows of the factor times its transpose are N of (28c), the lower ones times the draw are L (z − A x) of
@@ -89,7 +89,7 @@ fn key(seed: u64, step: u64) -> u64 {
 }
 
 impl Particles {
-    /// So many particles, whose positions are not drawn yet: `linear` is the initial covariance of all states.
+    /// New particles without drawn positions: `linear` is the initial covariance of all states.
     pub fn new(count: usize, seed: u64, initial: &StateMatrix) -> Self {
         Self {
             x: vec![[0.0; STATES]; count],
@@ -122,7 +122,7 @@ impl Particles {
         self.spread(c, |x| propagate_state(phi, x), step);
     }
 
-    /// Moves the states, draws the positions, and lets the linear states know them.
+    /// Propagates the states, draws the positions, and conditions the linear states on them.
     fn spread(&mut self, c: &StateMatrix, moved: impl Fn(&StateVector) -> StateVector + Sync, step: u64) {
         let (factor, left) = known_positions(c);
         self.linear = left;

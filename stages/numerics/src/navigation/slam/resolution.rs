@@ -26,7 +26,7 @@ pub fn bandwidth(effective: f64) -> f64 {
     effective.max(1.0).powf(-1.0 / 6.0).min(WIDEST)
 }
 
-/// The most particles' worth of variance that one particle stands for: with the whole weight on one there is none to scale.
+/// Maximum scale of the variance of one particle: if one particle has the whole weight, there is no variance to scale.
 const LARGEST_EXCESS: f64 = 50.0;
 
 /// The excess of the unbiased covariance of weighted draws over the plain one, in units of the plain one: with s = Σw² it is

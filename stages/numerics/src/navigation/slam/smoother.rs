@@ -71,9 +71,9 @@ use params::Rule;
 use search::{Prior, Rules, Search};
 use thin::thinned;
 
-/// What the functions of the motion may lack of a position, one sigma, in m.
+/// Standard deviation of the position error that the functions of the motion may omit, in m.
 const LACKING_M: f64 = 0.05;
-/// How well the path of the filter is followed at the start, one sigma, in m.
+/// Standard deviation of the deviation from the path of the filter at the start, in m.
 const START_M: f64 = 5.0;
 /// The white part of the kernel, in standard deviations of the anomaly, that a start with a wide valley has.
 const WIDE: f64 = 0.3;
@@ -95,7 +95,7 @@ const LONGEST: f64 = 0.5;
 pub struct SmootherParameters {
     /// The most measurements that are looked at. The work grows with the third power.
     pub measurements: usize,
-    /// What the standard deviations of the measurements are multiplied by.
+    /// Factor on the standard deviations of the measurements.
     pub noise_factor: f64,
     /// The most linearisations.
     pub passes: usize,
@@ -133,21 +133,21 @@ pub struct SmootherReport {
     pub passes: usize,
     /// Whether path and kernel stand still.
     pub converged: bool,
-    /// How far the last step moves a measurement at the most, in m.
+    /// Largest change of the position of a measurement in the last step, in m.
     pub last_step_m: f64,
     /// The kernel at the end.
     pub kernel: Kernel,
-    /// (z − μ)ᵀ C⁻¹ (z − μ) over the number of measurements: 1 where the noise is as large as told.
+    /// (z − μ)ᵀ C⁻¹ (z − μ) over the number of measurements: 1 if the noise is as large as assumed.
     pub misfit: f64,
     /// See [`evidence::Evidence::agreement`]; below [`CONTRADICTED`] the track is lost.
     pub agreement: f64,
     /// J at the end, but for a constant of the flight.
     pub cost: f64,
-    /// What it is less than that of the path of the filter.
+    /// Decrease of J from the path of the filter.
     pub fall: f64,
 }
 
-/// What the smoother is handed of the filter.
+/// Results of the filter that the smoother uses.
 pub(super) struct Filtered<'a> {
     pub(super) line: &'a SlamLine<'a>,
     /// The last rows of the steps.
@@ -156,7 +156,7 @@ pub(super) struct Filtered<'a> {
     pub(super) kernel: Kernel,
     /// Whether the kernel was fitted, and is to be fitted further.
     pub(super) fits: bool,
-    /// A measurement is left out whose square beside what all others let expect is above so many variances.
+    /// Largest squared leave-one-out residual of a measurement over its variance; larger ones are rejected.
     pub(super) gate_nis: Option<f64>,
     /// The samples, each with whether it is used.
     pub(super) samples: &'a [(Sample, bool)],
@@ -288,7 +288,7 @@ type Displaced = (Measured, [f64; 2]);
 /// Weights and kernel that a search begins with.
 type Beginning = (Vec<f64>, Kernel);
 
-/// Where the search with all measurements begins.
+/// Starting point of the search with all measurements.
 struct Start {
     weights: Vec<f64>,
     kernel: Kernel,
@@ -296,7 +296,7 @@ struct Start {
     filtered_cost: f64,
 }
 
-/// What is known before the search.
+/// Results of the first searches.
 struct Known<'a> {
     motion: &'a Motion,
     functions: &'a Functions,

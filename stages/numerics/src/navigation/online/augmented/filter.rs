@@ -255,8 +255,7 @@ impl<'a, M: AircraftModel> Filter<'a, M> {
         Ok(self.further(row, scalar, innovation, slope_nt_per_m))
     }
 
-    /// The further measurements of a sample, each linearised at the state before it; what is handed out as its
-    /// innovation.
+    /// Uses the further measurements of a sample, each linearised at the state before it. Outputs their innovations.
     #[inline(always)]
     fn further(&mut self, row: usize, scalar: Outcome, innovation: Innovation, slope_nt_per_m: f64) -> Innovation {
         if !self.line.aids.is_any() {

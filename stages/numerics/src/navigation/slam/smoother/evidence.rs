@@ -19,7 +19,7 @@
 use super::likelihood::{Measured, Problem};
 use super::search::{Prior, Rules, Search};
 
-/// What revisits tell of a track.
+/// Evidence of the revisits for a track.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Evidence {
     /// E.
@@ -29,8 +29,9 @@ pub struct Evidence {
 }
 
 impl Evidence {
-    /// E over D: 1 where two visits differ by no more than noise and the field's roughness let expect, 0 where they have nothing to do
-    /// with each other. NaN where visits tell next to nothing, with a D below 5 (a factor of 150 in probability), as without any.
+    /// E over D: 1 where two visits differ by no more than the expected noise and roughness of the field, 0 where they
+    /// are unrelated. NaN where the visits contain almost no information, with a D below 5 (a factor of 150 in
+    /// probability), or without visits.
     pub fn agreement(&self) -> f64 {
         if self.expected >= LEAST { self.found / self.expected } else { f64::NAN }
     }
