@@ -1,13 +1,15 @@
 //! The Kalman filters with further measurements besides the scalar field: the difference of two magnetometers, the
-//! field's vector, a height; with a map error that lasts along the track, and with samples where the map is too flat.
+//! field vector, and a height. They also have a map error that is correlated along the track, and skip samples where
+//! the map is too flat.
 //!
-//! What they are and how they enter is in [`aids`](crate::navigation::aids). [`Linearisation::Unscented`] moreover
-//! takes what the map bends over the uncertainty of the position as noise, as the slope regressed over that of
-//! [Hostetler & Andreas 1983] does; at the top of a hill, where the slope vanishes, nothing else is honest.
+//! The measurements and their models are described in [`aids`](crate::navigation::aids). [`Linearisation::Unscented`]
+//! also treats the nonlinearity of the map over the uncertainty of the position as noise, as the slope regressed over
+//! that uncertainty does [Hostetler & Andreas 1983]. At the top of a hill, where the slope vanishes, no other
+//! linearisation is consistent.
 //!
 //! Each sample uses the aiding positions first, then scalar, difference, vector and height, one scalar after the other.
-//! Irregularities are those of [`ekf`](crate::navigation::ekf), each measurement by itself; the difference is off the
-//! map where either end is.
+//! Irregularities are treated as in [`ekf`](crate::navigation::ekf), separately for each measurement. The difference is
+//! off the map if either end is.
 
 pub(crate) mod filter;
 mod slope_error;

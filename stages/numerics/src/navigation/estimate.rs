@@ -193,7 +193,7 @@ pub(crate) trait Recursion {
     /// Filters along an INS: the step, the aiding positions of the row, its measurement.
     ///
     /// # Errors
-    /// As [`Estimate::check`].
+    /// Fails as [`Estimate::check`].
     #[inline(always)]
     fn along(
         &mut self,

@@ -229,7 +229,7 @@ pub fn run(
 /// too flat at the prediction of the filter, a magnetometer is not used.
 ///
 /// # Errors
-/// As [`run`] and [`Aids::check`].
+/// Fails as [`run`] and [`Aids::check`].
 pub fn run_aided(
     parameters: &FixedLagParameters,
     line: &NavigationLine<'_>,

@@ -1,8 +1,8 @@
-//! The error that a map gives for each of its nodes, as the noise of the measurements along a line.
+//! The error of the nodes of a map as noise of the measurements along a line.
 //!
-//! The error is that at the aircraft, which the INS does not know: between the lines of a survey it changes within some
-//! hundred metres, while an INS is kilometres off after an hour. It is looked up at the position that an extended
-//! Kalman filter of the scalar field predicts for each sample, with this noise in its own updates.
+//! The relevant error is that at the position of the aircraft, which is unknown: between survey lines it changes within
+//! some hundred metres, while the error of an INS is kilometres after an hour. It is therefore read at the position
+//! that an extended Kalman filter of the scalar field predicts for each sample, with this noise in its own updates.
 
 use pulp::{Simd, WithSimd};
 

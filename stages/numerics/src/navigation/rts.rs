@@ -6,14 +6,14 @@
 //! J = x₀ᵀ P₀⁻¹ x₀/2 + Σ wₖᵀ Qₖ⁻¹ wₖ/2 + Σ ρ(rₖ),      wₖ = xₖ - Φₖ xₖ₋₁,      rₖ = (zₖ - h(xₖ))/σₖ
 //! ```
 //!
-//! with ρ(r) = r²/2, or a [robust loss](Loss). Gauss and Newton's iteration linearises the map along the whole last
-//! trajectory x̄ and solves the linear problem exactly, by a forward pass of the Kalman filter and a backward one: the
+//! with ρ(r) = r²/2, or a [robust loss](Loss). The Gauss-Newton iteration linearises the map along the whole last
+//! trajectory x̄ and solves the linear problem exactly, by a forward and a backward pass of the Kalman filter: the
 //! iterated extended Kalman smoother [Bell 1994; Särkkä & Svensson 2023, chapter 13]. The first pass linearises the map
-//! where `iekf` does, at the most probable state after each measurement. A robust loss is a least-squares problem whose
-//! variances are σ²/w(r), with the weights w(r) = ρ'(r)/r of the last trajectory (iteratively reweighted least squares
-//! [Holland & Welsch 1977]), where in the first pass r is the innovation over its standard deviation. A first
-//! trajectory whose J is above 1 a measurement is compared with three others, without weights, with one linearisation,
-//! and with ten times the noise, and the lowest J is gone on from. A step from x̄ to the solution x̂ that would raise J
+//! as `iekf` does, at the most probable state after each measurement. A robust loss is a least-squares problem with
+//! variances σ²/w(r) and the weights w(r) = ρ'(r)/r of the last trajectory (iteratively reweighted least squares
+//! [Holland & Welsch 1977]); in the first pass r is the innovation over its standard deviation. If J of the first
+//! trajectory exceeds 1 per measurement, three others are computed: without weights, with one linearisation, and with
+//! ten times the noise. The iteration continues from the lowest J. A step from x̄ to the solution x̂ that would raise J
 //! is halved until it does not.
 //!
 //! # The backward pass
@@ -28,15 +28,15 @@
 //! ```
 //!
 //! Neither Q nor a predicted covariance is inverted, so states without process noise or initial uncertainty, and units
-//! of 1e-17 rad² beside 1 m², do no harm. It also hands out J. Its first two terms are half a quadratic form of the
-//! trajectory, whose process noise is -Qₖ λₖ with the λ before the measurement of k, and x₀ = -P₀ λ₀. So the products
-//! of the solution with itself and with any trajectory are sums over the measurements, ⟨x̂, x̂⟩ = Σ uₖ Hₖ x̂ₖ and ⟨x̄,
-//! x̂⟩ = Σ uₖ Hₖ x̄ₖ, by the recursion of λ alone, and J along a step costs a map value a sample.
+//! of 1e-17 rad² together with 1 m², do no harm. The pass also gives J. Its first two terms are half a quadratic form
+//! of the trajectory, whose process noise is -Qₖ λₖ with the λ before the measurement of k, and x₀ = -P₀ λ₀. The
+//! products of the solution with itself and with any trajectory are therefore sums over the measurements, ⟨x̂, x̂⟩ = Σ
+//! uₖ Hₖ x̂ₖ and ⟨x̄, x̂⟩ = Σ uₖ Hₖ x̄ₖ, by the recursion of λ alone. J along a step takes one map value per sample.
 //!
 //! # Memory
 //!
-//! The forward pass keeps its state every 64 samples, and the backward pass computes the 64 between two of them again:
-//! a sample costs about 0.8 kB, a line of 100,000 samples 80 MB, where all covariances take 260 MB.
+//! The forward pass stores its state every 64 samples, and the backward pass recomputes the 64 samples in between. A
+//! sample takes about 0.8 kB and a line of 100,000 samples 80 MB; storing all covariances would take 260 MB.
 //!
 //! # Irregularities
 //!

@@ -30,7 +30,7 @@ pub struct AidedAdaptiveOutput {
 /// sample where the map is too flat is learnt from, and corrects the temporal variation and the map's error alone.
 ///
 /// # Errors
-/// As [`run`](super::run) and [`Aids::check`].
+/// Fails as [`run`](super::run) and [`Aids::check`].
 pub fn run_aided(
     parameters: &AdaptiveParameters,
     line: &NavigationLine<'_>,

@@ -1,10 +1,10 @@
 //! The modes of a cloud of weighted points in the plane: its hills of density, with a valley between any two of them.
 //!
-//! The density of the whitened points is smoothed on a grid by a Gaussian of the optimal bandwidth, its cells are
-//! visited from the highest to the lowest, and each joins the hill of its neighbours or starts one; where two hills
-//! meet, the lower is part of the higher unless the saddle is below [`VALLEY`] of its top [Chazal, Guibas, Oudot &
-//! Skraba 2013]. Each hill is then looked at by itself, on a grid of its own size, so that modes of very different
-//! sizes are told apart. Nothing is random.
+//! The density of the whitened points is smoothed on a grid by a Gaussian of the optimal bandwidth. The cells are
+//! visited from the highest to the lowest, and each joins the hill of its neighbours or starts a new one. Where two
+//! hills meet, the lower is part of the higher unless the saddle is below [`VALLEY`] of its top [Chazal, Guibas, Oudot
+//! & Skraba 2013]. Each hill is then analysed on a grid of its size, to separate modes of very different sizes. The
+//! algorithm is deterministic.
 
 /// A saddle lower than this part of the lower top separates two modes.
 const VALLEY: f64 = 0.4;

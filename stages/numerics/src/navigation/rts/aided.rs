@@ -29,7 +29,7 @@ pub struct AidedSmootherOutput {
 /// the scalar field alone. Where the map is too flat at the estimate of that filter, the scalar field is not used.
 ///
 /// # Errors
-/// As [`run`](super::run) and [`Aids::check`].
+/// Fails as [`run`](super::run) and [`Aids::check`].
 pub fn run_aided(
     line: &NavigationLine<'_>,
     parameters: &SmootherParameters,

@@ -1,4 +1,4 @@
-//! The smoother behind the filter: the most probable track of the whole flight, given all of its measurements.
+//! The smoother after the filter: the most probable track of the whole flight given all its measurements.
 //!
 //! | Module | Contents |
 //! |:--|:--|
@@ -24,29 +24,29 @@
 //! J(u) = (z − μ)ᵀ C⁻¹ (z − μ)/2 + log |C|/2 + uᵀu/2
 //! ```
 //!
-//! The map integrated out, J does not depend on where the flight is as a whole, only on how its parts lie to each
-//! other, so that what no revisit tells keeps the covariance of the INS. A map linearised about an estimate, f + g·δ,
-//! would claim to know it: a shift of all positions is not free there. Gradient and matrix of second derivatives are
-//! exact. The step is Newton's, without those curvatures of the likelihood that are negative, halved until J does not
-//! rise. The covariance of u is the inverse of the matrix at the optimum (Laplace), with the slopes of this field and
-//! not those that the kernel expects. Where the hyper-parameters are fitted, each pass begins with a step of Fisher's
-//! scoring of them by the same likelihood.
+//! Since the map is integrated out, J depends only on the relative positions of the parts of the flight. Errors that no
+//! revisit observes therefore keep the covariance of the INS. A map linearised about an estimate, f + g·δ, would fix a
+//! common shift of all positions. Gradient and matrix of second derivatives are exact. The step is Newton's, without
+//! the negative curvatures of the likelihood, halved until J does not rise. The covariance of u is the inverse of the
+//! matrix at the optimum (Laplace), with the slopes of this field instead of those that the kernel predicts. If the
+//! hyper-parameters are fitted, each pass begins with a Fisher-scoring step for them by the same likelihood.
 //!
-//! Aiding positions are measurements of δ, and add a quadratic form in u. With a gate the measurements that it leaves
-//! out of the filter are left out, and once those that all others tell to be outliers.
+//! Aiding positions are measurements of δ and add a quadratic form in u. With a gate, the measurements that the filter
+//! rejected are skipped, and, once, the outliers of the leave-one-out residuals.
 //!
-//! J may have several optima. Three searches with half of the measurements look for the deepest: from the path of the
-//! filter (the mean of the particles' histories); from it with a kernel whose white part is large, which makes valleys
-//! wide, and is narrowed as the fit goes on; and from the INS, where it is exact at first, with the flight taken in
-//! part by part, so that each part is foreseen by those before. Where on the best the measurements of two visits
-//! contradict each other ([`evidence`](mod@evidence)), four more searches take smaller parts in, or wider valleys. The
-//! best goes on with all measurements. What comes out is more probable than the path of the filter, or not taken.
+//! J may have several optima. Three searches with half of the measurements look for the deepest one. The first starts
+//! from the path of the filter (the mean of the particles' histories). The second starts there with a large white part
+//! of the kernel, which widens the valleys and is reduced during the fit. The third starts from the INS where it is
+//! exact at first, and adds the flight part by part, so that each part is predicted from the earlier ones. If the
+//! measurements of revisits contradict each other on the best track ([`evidence`](mod@evidence)), four more searches
+//! add smaller parts or widen the valleys. The best search continues with all measurements. Its result is used only if
+//! it is more probable than the path of the filter.
 //!
 //! # Cost
 //!
-//! With n measurements a pass is some 15 n³ multiplications on all threads, and memory is 70 n² bytes; functions and
-//! states take 5 kB and 16 bytes a function for each step. Some ten passes are made, and those of the starts are an
-//! eighth of that work each: 1000 measurements take about twenty seconds of a core.
+//! With n measurements a pass takes about 15 n³ multiplications on all threads and 70 n² bytes of memory. Functions and
+//! states take 5 kB and 16 bytes per function for each step. About ten passes are made; those of the first searches
+//! take an eighth of that work each. 1000 measurements take about 20 s of one core.
 
 pub mod evidence;
 pub mod likelihood;
