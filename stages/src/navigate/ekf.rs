@@ -66,7 +66,7 @@ impl NavigationFilter for Ekf {
     }
 
     fn navigate_points(points: &[(&Self, &Flown)]) -> Vec<Result<Track, Fault>> {
-        // A point with further measurements is filtered by itself.
+        // A point with further measurements is filtered alone.
         let usual: Vec<(&Self, &Flown)> =
             points.iter().filter(|(filter, _)| !filter.further.is_any()).copied().collect();
         let mut together = Self::together(&usual).into_iter();

@@ -49,7 +49,7 @@ filter! {
     sigma_max_nt: Option<f64>, unit "nT",
         absent "20 times `measurement_sigma_nt`, or with `noise_column` 20 times the largest assumed noise", rule Rule::Positive;
     /// Estimator of the noise. `"residual"` uses the a posteriori residual of each measurement. `"matched"`, the
-    /// default of version 1, subtracts from each squared innovation the predicted covariance of its own time.
+    /// default of version 1, subtracts from each squared innovation the predicted covariance of its time.
     /// `"compatible"`, as in MagNav.jl, starts at the mean of the bounds and subtracts the present covariance from all.
     form: AdaptiveForm, unit "", default AdaptiveForm::Residual;
     /// Largest NIS (squared innovation over its variance) of a measurement. Larger ones are rejected, but used to
@@ -157,7 +157,7 @@ impl NavigationFilter for EkfAdaptive {
 }
 
 impl EkfAdaptive {
-    /// What was learnt, and the states where they are asked for.
+    /// Estimated noise, and the states if they are requested.
     fn more(
         &self,
         magnetometers: Vec<Adapted>,

@@ -181,7 +181,7 @@ mod tests {
 
     #[test]
     fn law_the_heading_error_of_the_sensor_is_found() {
-        // 30 nT times the cosine of the angle between the field and the nose, beside the aircraft's field.
+        // 30 nT times the cosine of the angle between the field and the nose, besides the aircraft's field.
         let turned = with(&flight(), "mag_1_uc", |row, nt| nt + 30.0 * (0.2 + 0.25 * (row as f64 / 2.3).cos()));
         let keys = "mag = 'mag_1_uc'\naircraft_sigma_nt = 0.0\nwindow_s = 200.0\nvector = 'flux_d'\n\
                     heading_error_sigma_nt = 50.0";

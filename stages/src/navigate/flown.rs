@@ -171,7 +171,7 @@ fn flown<'a>(
         tuned: None,
     };
     flown.gnss = stage.filter.keys.aiding().map(|aiding| aiding.gnss(&flown)).transpose()?.flatten();
-    // A filter that takes each by itself takes each one's offset off, too.
+    // A filter that uses each magnetometer separately also subtracts the offset of each.
     let each = stage.filter.keys.each_magnetometer().then(|| flown.magnetometers.clone());
     flown.combine()?;
     let finds_noise = stage.finds_noise(map.is_some());

@@ -5,9 +5,9 @@ use schemas::{Args, Given, Literal, Params, Reader};
 use super::*;
 
 filter! {
-    /// A second filter beside the built-in one.
+    /// A second filter besides the built-in one.
     Still = "still", version 1, example "hold_s = 2.0";
-    /// A key of its own.
+    /// A key of this filter.
     hold_s: f64, unit "s", default 1.0;
 }
 

@@ -180,7 +180,7 @@ mod tests {
 
     #[test]
     fn law_a_signal_with_a_fifth_of_its_error_left_is_five_times_better() {
-        // The error has no mean and no slope over four samples, so that nothing of it is taken for truth.
+        // The error has no mean and no slope over four samples, so none of it counts as truth.
         let error = |scale: f64| seconds(40, move |t| scale * TURN[t as usize % 4]);
         let truth = seconds(40, |t| 52_000.0 + 10.0 * TURN[t as usize / 10]);
         let mag = truth.iter().zip(error(1.0)).map(|(t, e)| t + e).collect();

@@ -108,9 +108,9 @@ choice! {
         /// is less accurate than the measurement.
         #[default]
         Residual = "residual",
-        /// Innovation with the covariance of its own time, starting from the assumed noise.
+        /// Each innovation with the covariance of its time, starting from the assumed noise.
         Matched = "matched",
-        /// As in MagNav.jl: mean of the bounds until the window is full, then all innovations with the covariance of
+        /// Form of MagNav.jl: mean of the bounds until the window is full, then all innovations with the covariance of
         /// the present sample. For comparison with that program.
         Compatible = "compatible",
     }
@@ -239,8 +239,9 @@ pub struct AdaptiveOutput {
 ///
 /// # Errors
 /// Fails as [`AdaptiveParameters::check`] and [`NavigationLine::check`]; for bounds of a sigma that are not finite
-/// numbers above 0 in this order; with [`SeriesError::Length`](crate::navigation::SeriesError) for columns of other lengths than the line; and with
-/// [`NavigationError::Diverged`] when states or variances are no longer finite or a variance is negative.
+/// numbers above 0 in this order; with [`SeriesError::Length`](crate::navigation::SeriesError) for columns of other
+/// lengths than the line; and with [`NavigationError::Diverged`] when states or variances are no longer finite or a
+/// variance is negative.
 pub fn run(
     parameters: &AdaptiveParameters,
     line: &NavigationLine<'_>,

@@ -85,7 +85,7 @@ impl AidedOutput {
 }
 
 impl AidedParameters {
-    /// Refuses parameters that make no filter.
+    /// Rejects invalid parameters.
     ///
     /// # Errors
     /// Fails as the parameters of `iekf` and `ukf`.

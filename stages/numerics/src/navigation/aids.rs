@@ -201,7 +201,7 @@ impl Aids<'_> {
         self.flat_over_m.is_some_and(|flat_m| variance_nt2.sqrt() > slope_nt_per_m * flat_m)
     }
 
-    /// Refuses measurements that no filter can use.
+    /// Rejects measurements that no filter can use.
     ///
     /// # Errors
     /// Fails for standard deviations of white noise that are not above 0, lasting ones below 0, lengths and correlation

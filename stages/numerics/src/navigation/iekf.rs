@@ -16,7 +16,7 @@
 //! [Jazwinski 1970, chapter 8; Bell & Cathey 1993]. A step that would raise J is halved until it does not; after ten
 //! halvings the iterate stays the answer, so no answer is less probable than the prediction. The covariance is that of
 //! the last linearisation. All iterates are x⁻ + P v with a v that has entries for position and S only, so that the
-//! first term of J is vᵀ P v/2, which needs no inverse, and an iteration costs little beside its map value.
+//! first term of J is vᵀ P v/2, which needs no inverse, and an iteration costs little besides its map value.
 //!
 //! With one iteration it is the extended Kalman filter: the one step is taken whole and J is not computed.
 //!
@@ -58,7 +58,7 @@ impl Default for IekfParameters {
 }
 
 impl IekfParameters {
-    /// Refuses parameters that make no filter.
+    /// Rejects invalid parameters.
     ///
     /// # Errors
     /// Fails for no iteration, and for a tolerance or gate that is not a finite number above 0.

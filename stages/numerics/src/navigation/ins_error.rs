@@ -134,7 +134,7 @@ impl InsErrorModel {
         }
     }
 
-    /// Refuses negative or missing uncertainties and time constants that are not positive.
+    /// Rejects negative or missing uncertainties and time constants that are not positive.
     ///
     /// # Errors
     /// Fails for the first parameter that is not finite or out of its range.
@@ -211,7 +211,7 @@ pub(super) fn require(name: &'static str, value: f64, rule: Rule) -> Result<(), 
 ///
 /// The first error is drawn from the initial covariance; each step is e ← Φ (e + w₁) + w₂ with w₁
 /// and w₂ half of the step's noise each, which is exactly the covariance that a filter with
-/// [`NoiseDiscretisation::Trapezoidal`] assumes. `normal` hands out standard normals: 18 for the
+/// [`NoiseDiscretisation::Trapezoidal`] assumes. `normal` returns standard normals: 18 for the
 /// first sample, 36 a step.
 ///
 /// # Errors

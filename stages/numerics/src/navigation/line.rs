@@ -51,7 +51,7 @@ pub struct LineStep {
 }
 
 impl<'a> NavigationLine<'a> {
-    /// Refuses a line that cannot be filtered.
+    /// Rejects a line that cannot be filtered.
     ///
     /// # Errors
     /// Fails as [`InsErrorModel::check`] and [`InsSeries::check`], and with

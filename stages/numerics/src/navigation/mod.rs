@@ -9,11 +9,11 @@
 //! | [`field`] | the field that a filter predicts: map and core field |
 //! | [`loss`] | losses that outliers do not dominate |
 //! | [`output`] | output of a filter on a line |
-//! | [`ins_only`] | the INS by itself, with the covariance of its error |
+//! | [`ins_only`] | the INS without measurements, with the covariance of its error |
 //! | [`iekf`] | the iterated extended Kalman filter |
 //! | [`rts`] | the fixed-interval smoother, iterated to the maximum a posteriori |
 //! | [`ukf`] | the unscented Kalman filter |
-//! | [`aided`] | these filters with a difference of magnetometers, the field's vector and a height beside the field |
+//! | [`aided`] | these filters with a difference of magnetometers, the field vector and a height besides the field |
 //! | [`aids`] | what they measure: rows of H, predictions, noise |
 //! | [`crlb`] | the posterior Cramér-Rao bound along the true path |
 //! | [`adaptive`] | the filter that finds the noise of its measurements |
@@ -21,7 +21,7 @@
 //! | [`online_nn`] | the same with the weights of a small network |
 //! | [`fixed_lag`] | the sliding-window smoother with Tolles-Lawson coefficients |
 //! | [`mpf`] | the marginalised particle filter |
-//! | [`slam`] | navigation without a map, on the revisits of its own path |
+//! | [`slam`] | navigation without a map, by revisits of the path |
 //! | [`track_map`] | the map of a track, by Gaussian-process regression of reduced rank |
 //! | [`fix_test`] | a test of these positions against the INS |
 //! | [`position_fixes`] | aiding positions that aid a filter |

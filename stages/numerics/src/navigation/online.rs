@@ -258,7 +258,7 @@ impl<'a> TollesLawson<'a> {
         Ok(model)
     }
 
-    /// Refuses terms of a magnetometer that are not those of the vector.
+    /// Rejects terms of a magnetometer that are not those of the vector.
     fn check_fluxgate(&mut self, rows: usize) -> Result<(), ParameterError> {
         let Some(fluxgate) = &self.fluxgate else { return Ok(()) };
         let own = &mut self.own;

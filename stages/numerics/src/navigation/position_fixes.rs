@@ -37,7 +37,7 @@ pub(crate) struct StateFix {
 pub(crate) const NO_FIX: [Option<StateFix>; 3] = [None; 3];
 
 impl PositionFixes {
-    /// Refuses fixes that no filter can use.
+    /// Rejects fixes that no filter can use.
     ///
     /// # Errors
     /// Fails for standard deviations that are not finite and above 0, and for columns of another length than the line.

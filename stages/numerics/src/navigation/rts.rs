@@ -117,7 +117,7 @@ impl Default for SmootherParameters {
 }
 
 impl SmootherParameters {
-    /// Refuses parameters that make no smoother.
+    /// Rejects invalid parameters.
     ///
     /// # Errors
     /// Fails for no iteration, and for a tolerance or scale that is not a finite number above 0.

@@ -86,7 +86,7 @@ impl Default for UkfParameters {
 }
 
 impl UkfParameters {
-    /// Refuses parameters that make no filter.
+    /// Rejects invalid parameters.
     ///
     /// # Errors
     /// Fails for an α or a gate that is not a finite number above 0, a κ that is not one above −3, and a β below −α²

@@ -6,7 +6,7 @@ const FILTERS: [&str; 3] = ["ekf", "iekf", "ukf"];
 const GRADIENT: &str = "map_interpolation = 'cubic'\ngradient = ['mag_1_c', 'mag_2_c']\n\
                         gradient_baseline_m = [15.0, 0.0, 0.0]\ngradient_sigma_nt = 0.03\ngradient_bias_sigma_nt = 0.1\n";
 
-/// What both magnetometers measure beside the field, in nT.
+/// Common error of both magnetometers, in nT.
 fn storm_nt(row: usize) -> f64 {
     120.0 * (row as f64 / 30.0).sin()
 }

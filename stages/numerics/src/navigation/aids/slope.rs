@@ -32,7 +32,7 @@ impl SlopeError<'_> {
         self.upward_nt_per_m.get(row).copied().unwrap_or(0.0)
     }
 
-    /// Refuses errors that are none.
+    /// Rejects invalid errors.
     pub(crate) fn check(&self, rows: usize) -> Result<(), NavigationError> {
         let require = |name: &str, value: f64, rule: Rule| obeys(&value, name, rule).map_err(ParameterError);
         let found = self.upward_nt_per_m.len();

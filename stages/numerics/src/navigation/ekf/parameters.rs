@@ -37,7 +37,7 @@ impl Default for EkfParameters {
 }
 
 impl EkfParameters {
-    /// Refuses parameters that make no filter.
+    /// Rejects invalid parameters.
     ///
     /// # Errors
     /// Fails for a measurement noise or a gate that is not a finite number above 0, a window that is not one of at

@@ -96,7 +96,7 @@ fn weighed<const N: usize>(cloud: &Cloud<N>, logs: &[Lanes], part: f64) -> Weigh
     let mut most = f64::NEG_INFINITY;
     for (weights, logs) in log_weights.iter_mut().zip(logs) {
         for (weight, log) in weights.iter_mut().zip(logs) {
-            // A lane that is no particle stays without weight, whatever its states are.
+            // A lane that is no particle stays without weight for any states.
             if *weight > f64::NEG_INFINITY {
                 *weight += part * log;
                 most = most.max(*weight);

@@ -49,7 +49,7 @@ struct Moments {
 }
 
 impl Clusters {
-    /// Tells the modes of points apart; `points` hands out the coordinates of a point, in any unit of each axis.
+    /// Separates the modes of points; `points` returns the coordinates of a point, in any unit of each axis.
     /// Weights are not negative and sum up to about 1.
     pub(super) fn find(&mut self, weights: &[f64], points: impl Fn(usize) -> [f64; 2] + Copy) {
         self.labels.clear();

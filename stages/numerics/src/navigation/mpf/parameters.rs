@@ -54,7 +54,7 @@ impl MpfParameters {
     /// The most particles: they take about half a gigabyte.
     pub const MOST_PARTICLES: usize = 1_000_000;
 
-    /// Refuses parameters that make no filter.
+    /// Rejects invalid parameters.
     ///
     /// # Errors
     /// Fails for a number of particles that is not from 1 to [`Self::MOST_PARTICLES`], a threshold that is not from 0

@@ -132,7 +132,7 @@ pub(crate) fn refused(param: &str, what: impl Into<String>) -> ParameterError {
 }
 
 impl ExtraStates {
-    /// Refuses means that are not finite, a covariance that is none, negative densities and time constants.
+    /// Rejects means that are not finite, an invalid covariance, negative densities and time constants.
     pub(crate) fn check(&self) -> Result<(), ParameterError> {
         let states = self.mean.len();
         if let Some(at) = self.mean.iter().position(|mean| !mean.is_finite()) {
@@ -185,7 +185,7 @@ impl ExtraStates {
     }
 }
 
-/// Refuses a matrix that is not finite, symmetric and positive semidefinite. Correlations round to some 1e-9 where they
+/// Rejects a matrix that is not finite, symmetric and positive semidefinite. Correlations round to some 1e-9 where they
 /// come from an inverse.
 pub(crate) fn check_covariance(covariance: &[f64], states: usize) -> Result<(), ParameterError> {
     if covariance.len() != states * states {

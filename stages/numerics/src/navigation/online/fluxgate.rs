@@ -86,7 +86,7 @@ struct Vector {
 }
 
 impl<'a> FluxgateTerms<'a> {
-    /// Refuses a scalar among the regressors, and what [`matrix_in_runs`] refuses.
+    /// Rejects a scalar among the regressors, and fails as [`matrix_in_runs`].
     pub(crate) fn new(fluxgate: &Fluxgate<'a>) -> Result<Self, ParameterError> {
         let Fluxgate { field, terms, scale_nt, runs, sigma_nt, tau_s } = *fluxgate;
         if field.bt.is_some() {

@@ -167,7 +167,7 @@ pub fn train(
 }
 
 impl NetworkPrior {
-    /// Refuses what does not belong to a network.
+    /// Rejects sizes that differ from the network.
     pub(crate) fn check(&self, network: &Network) -> Result<(), ParameterError> {
         let states = network.weights();
         if self.weights.len() != states || self.walk_density.len() != states {

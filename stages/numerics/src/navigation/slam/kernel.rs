@@ -45,7 +45,7 @@ impl Default for Kernel {
 }
 
 impl Kernel {
-    /// Refuses a kernel that is none.
+    /// Rejects an invalid kernel.
     ///
     /// # Errors
     /// Fails for a standard deviation of the process or a length not above 0, and a negative or missing noise.

@@ -32,7 +32,7 @@ pub struct SlamReport {
 
 /// The filtered line.
 ///
-/// In `navigation.report`, `off_map` counts the samples whose measurement had no weight of its own: no particle had
+/// In `navigation.report`, `off_map` counts the samples whose measurement had no separate weight: no particle had
 /// been nearby before, or the measurement was averaged into that of the step.
 #[derive(Clone, Debug)]
 pub struct SlamOutput {

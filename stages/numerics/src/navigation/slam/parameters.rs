@@ -116,7 +116,7 @@ impl Default for SlamParameters {
 const PARTICLES: (f64, f64) = (2.0, 1e6);
 
 impl SlamParameters {
-    /// Refuses parameters that make no filter.
+    /// Rejects invalid parameters.
     ///
     /// # Errors
     /// Fails for the first parameter out of its range, and as [`InsErrorModel::check`] for `errors`.

@@ -38,7 +38,7 @@ impl<'a> From<&NavigationLine<'a>> for SlamLine<'a> {
 }
 
 impl SlamLine<'_> {
-    /// Refuses a line that cannot be filtered.
+    /// Rejects a line that cannot be filtered.
     ///
     /// # Errors
     /// Fails as [`InsErrorModel::check`], [`InsSeries::check`] and [`PositionFixes::check`], and with

@@ -110,7 +110,7 @@ impl Default for SmootherParameters {
 }
 
 impl SmootherParameters {
-    /// Refuses parameters that make no smoother.
+    /// Rejects invalid parameters.
     ///
     /// # Errors
     /// Fails for numbers of measurements not between 2 and 5000, no pass, and a factor or tolerance not above 0.

@@ -2,7 +2,7 @@
 //!
 //! The filters share the transition matrix, except for the temporal variation, which drives nothing and decays by
 //! itself. Every lane is computed by the same sums in the same order, and no product is fused with a sum, so a filter
-//! gets the same bits in any lane, of a register of any width, and whatever the other lanes hold.
+//! gets the same bits in any lane, of a register of any width, independent of the other lanes.
 
 use pulp::{Simd, bytemuck};
 

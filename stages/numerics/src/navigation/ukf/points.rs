@@ -34,7 +34,7 @@ pub(crate) struct Spread {
     pub(crate) beyond: f64,
 }
 
-/// Variance of a direction given the previous directions, as a share of its own variance, below which the direction is
+/// Variance of a direction given the previous directions, as a share of its variance, below which the direction is
 /// exact: a smaller share is rounding.
 const ROUNDING: f64 = 1e-13;
 
