@@ -460,7 +460,7 @@ pub fn navigate_points<F: NavigationFilter>(points: &[Point]) -> Vec<Result<Trac
 /// filter! {
 ///     /// The INS, moved north.
 ///     Shifted = "shifted", version 1, example "north_m = 10.0";
-///     /// How far.
+///     /// Distance north.
 ///     north_m: f64, unit "m", default 0.0, rule Rule::Finite;
 /// }
 /// impl NavigationFilter for Shifted {
