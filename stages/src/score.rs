@@ -55,8 +55,8 @@ stage! {
     /// of the track. If `metrics` is unset, all metrics that these tables allow are scored. Each metric is a row with
     /// `metric`, `value`, `unit` and `n`, the number of samples (for crossings: pairs). Rows with a NaN are excluded
     /// from a metric and its `n`; a metric without samples has a null value. A metric that cannot be computed for a
-    /// line, such as one whose upper corner exceeds half the sample rate, has a null value and the reason in `note`;
-    /// the others are kept. The run reports a warning, or fails if `metrics` names the metric.
+    /// line has a null value and the reason in `note`. An example is an upper corner above half the sample rate. The
+    /// other metrics are kept. The run reports a warning, or fails if `metrics` names the metric.
     ///
     /// The published table also has `in_sample`: true where the model, noise or map behind the score was made from this
     /// line, or where a search chose a parameter by it. Such a score is an error of the fit, not of a prediction, and
@@ -70,11 +70,11 @@ stage! {
     /// With `truth`, errors are against the truth. Without it, `std_uncompensated` and the ratios are those of the
     /// signals themselves and include the anomaly. The run notes the metrics that lack only a truth.
     ///
-    /// With a table of `map_value` the map is scored: the agreement of the signal minus `igrf` (and `diurnal`, if
-    /// available) with the map, the slope of the map along the track, and the expected accuracy of navigation.
-    /// `map_position_bound` is the Cramér-Rao bound for a constant horizontal offset and an unknown constant of the
-    /// measurement. It assumes independent sample errors of `map_sigma_nt`; correlated errors, as of maps and the
-    /// temporal variation, increase the error.
+    /// With a table of `map_value` the map is scored: the agreement of the signal with the map, the slope of the map
+    /// along the track, and the expected accuracy of navigation. The signal is reduced by `igrf` and, if available, by
+    /// `diurnal`. `map_position_bound` is the Cramér-Rao bound for a constant horizontal offset and an unknown constant
+    /// of the measurement. It assumes independent sample errors of `map_sigma_nt`; correlated errors, as of maps and
+    /// the temporal variation, increase the error.
     ///
     /// A track is also tested against its own covariance: `nees_consistent` and `nis_consistent` are tests at 95 %.
     /// `whiteness`, `error_within_3sigma` and `divergence` are shares of lags or samples with known expected values for

@@ -32,10 +32,11 @@ stage! {
     /// of `input`. Without `track` they are the flight's own `lat`, `lon` and `alt`, from GNSS. For survey lines that
     /// are first levelled and cleaned, use `map_grid`.
     ///
-    /// The anomaly is a Gaussian process, expanded in eigenfunctions of the Laplacian on the area of the lines, so the
-    /// size of the equations does not depend on the length of the flight. Each line may have its own constant, each
-    /// flight a temporal variation. The kernel is that of `slam`, fitted by maximum likelihood to segments of the
-    /// lines. The map is at the mean height of the measurements; height differences are treated as noise.
+    /// The anomaly is a Gaussian process, expanded in eigenfunctions of the Laplacian on the area of the lines. The
+    /// size of the equations therefore does not depend on the length of the flight. Each line may have its own
+    /// constant, each flight a temporal variation. The kernel is that of `slam`, fitted by maximum likelihood to
+    /// segments of the lines. The map is at the mean height of the measurements; height differences are treated as
+    /// noise.
     ///
     /// The covariance of the track's position (`sd_n`, `sd_e`, `cov_ne`) times the slope of the map counts as
     /// measurement noise and is included in `sd`. An error common to the whole track shifts the map. The measurements
@@ -74,8 +75,8 @@ spacing_m       = 500.0
     interval_s: f64, unit "s", default 1.0, rule Rule::NotNegative;
     /// Source of the hyper-parameters of the kernel: maximum likelihood on the lines, or the spec.
     hyperparameters: HyperparameterSource, unit "", default HyperparameterSource::Fitted;
-    /// Standard deviation north and east that is added to that of the track, for an error that the track's covariance
-    /// does not include, such as the error of `slam` before its first revisit.
+    /// Standard deviation north and east that is added to that of the track. It is for an error outside the track's
+    /// covariance, such as that of `slam` before its first revisit.
     position_sigma_m: f64, unit "m", default 0.0, rule Rule::NotNegative;
     /// Covariance function of the anomaly over distance.
     covariance: Covariance, unit "", default Covariance::Matern52;

@@ -24,7 +24,7 @@
 //! | [`slam`] | navigation without a map, by revisits of the path |
 //! | [`track_map`] | the map of a track, by Gaussian-process regression of reduced rank |
 //! | [`fix_test`] | a test of these positions against the INS |
-//! | [`position_fixes`] | aiding positions that aid a filter |
+//! | [`position_fixes`] | aiding positions, such as those by GNSS |
 //! | [`pinson`] | the states and the matrix F of the error model |
 //! | [`transition`] | Φ = exp(F Δt) and the process noise of a step |
 //! | [`ins_error`] | error sources and grades of an INS; its errors simulated along a trajectory |
