@@ -71,10 +71,10 @@ stage! {
     /// signals themselves and include the anomaly. The run notes the metrics that lack only a truth.
     ///
     /// With a table of `map_value` the map is scored: the agreement of the signal with the map, the slope of the map
-    /// along the track, and the expected accuracy of navigation. The signal is reduced by `igrf` and, if available, by
-    /// `diurnal`. `map_position_bound` is the Cramér-Rao bound for a constant horizontal offset and an unknown constant
-    /// of the measurement. It assumes independent sample errors of `map_sigma_nt`; correlated errors, as of maps and
-    /// the temporal variation, increase the error.
+    /// along the track, and the expected accuracy of navigation. `igrf` and, if available, `diurnal` are first
+    /// subtracted from the signal. `map_position_bound` is the Cramér-Rao bound for a constant horizontal offset and an
+    /// unknown constant of the measurement. It assumes independent sample errors of `map_sigma_nt`; correlated errors,
+    /// as of maps and the temporal variation, increase the error.
     ///
     /// A track is also tested against its own covariance: `nees_consistent` and `nis_consistent` are tests at 95 %.
     /// `whiteness`, `error_within_3sigma` and `divergence` are shares of lags or samples with known expected values for
