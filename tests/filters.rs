@@ -293,19 +293,19 @@ fn user_what_a_filter_cannot_use_is_refused_with_its_owner() {
     for (filter, key, words) in [
         ("ekf", "particles = 10", "belongs to `mpf` and `slam`"),
         ("mpf", "window_s = 10.0", "belongs to `fixed_lag`"),
-        ("ekf", "gnss_sigma_m = 1.0", "no say without `gnss_lost_s`"),
+        ("ekf", "gnss_sigma_m = 1.0", "no effect without `gnss_lost_s`"),
         ("ekf", "gnss_lost_s = [10.0]", "gnss_lost_s"),
         ("ekf", "dead_zones = \"polar\"", "`vector`"),
         ("ekf", "dead_zones = \"everywhere\"", "everywhere"),
         ("ekf", "ins_grade = \"car\"", "car"),
         ("rts", "loss = \"absolute\"", "absolute"),
         ("slam", "gradient = [\"mag_1_uc\", \"mag_1_uc\"]", "belongs to `ekf`"),
-        ("mpf", "flat_over_m = 10.0", "none is too flat"),
+        ("mpf", "flat_over_m = 10.0", "not available"),
         ("ekf", "gradient = [\"mag_1_uc\", \"mag_2_uc\"]\ngradient_baseline_m = [9, 0, 0]", "mag_2_uc"),
-        ("ekf", "use_scalar = false", "nothing of the map is measured"),
+        ("ekf", "use_scalar = false", "no measurement depends on the map"),
         ("ukf", "vector_sigma_nt = 5.0", "`vector`"),
         ("ekf_online_tl", "", "`tl`"),
-        ("ekf_online_nn", "features = \"lat\"", "no list of features"),
+        ("ekf_online_nn", "features = \"lat\"", "not a list of features"),
         ("kalman", "", "kalman"),
     ] {
         bench.spec(&spec(&format!("\"{filter}\""), key));

@@ -1,4 +1,4 @@
-//! A map in eastings and northings is looked up between its own nodes.
+//! A map in eastings and northings is interpolated on its native grid.
 
 use std::path::PathBuf;
 

@@ -1,4 +1,4 @@
-//! What is wrong with a map where it is looked up: at another height than its own, and between its nodes.
+//! Errors of a map at another height than its own, and between its nodes.
 
 use arrow_array::RecordBatch;
 use numerics::{
@@ -17,31 +17,31 @@ use crate::{
     maps::{column_map, plane},
 };
 
-/// The error of a map at another height than its own.
+/// Error of a map at another height than its own.
 enum HeightError {
-    /// Of a map that is taken as it is: its own height, in metres, and its mean square by wavenumber.
+    /// Map that is not continued: its height, in m, and its mean square by wavenumber.
     AsItIs { own_m: f64, power: RadialPower },
-    /// Of a map that is continued: the height of each level and the error there, in metres and nT.
+    /// Continued map: height of each level, in m, and error there, in nT.
     Continued(Vec<(f64, f64)>),
 }
 
-/// The errors of a map that are known from the map itself.
+/// Errors of a map that are computed from the map itself.
 pub struct MapErrors {
     height: HeightError,
-    /// The rms error of bilinear interpolation, in nT, where that is used, and the length of a cell, in metres.
+    /// Rms error of bilinear interpolation, in nT, and length of a cell, in m; `None` with another interpolation.
     bilinear: Option<(f64, f64)>,
-    /// The error that the map's maker gives each node, in nT.
+    /// Error of each node from the map's column `error`, in nT.
     own: Option<FieldMap>,
     /// Length of a cell, in m.
     cell_m: f64,
 }
 
 impl MapErrors {
-    /// Of the table of a map, which is or is not continued to levels (metres above the ellipsoid, ascending), is or is not
-    /// interpolated bilinearly, and whose column `error` counts or does not.
+    /// Errors of a map table. `levels_m`: heights of the continuation, in m above the ellipsoid, ascending. `bilinear`:
+    /// bilinear interpolation. `own`: the column `error` is used.
     ///
     /// # Errors
-    /// A table that is no grid, or lacks that column.
+    /// When the table is not a grid, or lacks that column.
     pub fn of(map: &RecordBatch, levels_m: Option<&[f64]>, bilinear: bool, own: bool) -> Result<Self, Fault> {
         let plane = plane(map)?;
         let known: Vec<f64> = floats(map, "alt")?.iter().copied().filter(|a| a.is_finite()).collect();
@@ -59,9 +59,8 @@ impl MapErrors {
         Ok(Self { height, bilinear: bilinear.then(|| (bilinear_error_nt(&plane), cell_m)), own, cell_m })
     }
 
-    /// The root mean square error to expect, in nT, of the map at the heights `alt_m`, above the ellipsoid: that over the
-    /// whole map, at the mean of these heights. Of a continued map it is the error of the continuation; NaN where either height
-    /// is unknown.
+    /// Expected root mean square error, in nT, over the whole map at the mean of the heights `alt_m`, in m above the
+    /// ellipsoid. For a continued map, the error of the continuation. NaN where either height is unknown.
     pub fn of_height_nt(&self, alt_m: &[f64]) -> f64 {
         let mean_m = alt_m.iter().sum::<f64>() / alt_m.len() as f64;
         match &self.height {
@@ -79,12 +78,12 @@ impl MapErrors {
         self.cell_m
     }
 
-    /// Whether the nodes have errors that count.
+    /// Whether the errors of the nodes are used.
     pub fn has_own(&self) -> bool {
         self.own.is_some()
     }
 
-    /// One sigma of the nodes' error at each sample of a line, in nT.
+    /// Standard deviation of the nodes' error at each sample of a line, in nT.
     ///
     /// # Errors
     /// Fails as [`map_noise::along`].
@@ -92,16 +91,16 @@ impl MapErrors {
         self.own.as_ref().map(|own| map_noise::along(line, own, 1.0).map_err(data)).transpose()
     }
 
-    /// The white noise, in nT a sample, that weighs as much as the error between nodes, which lasts for the crossing of a
-    /// cell, at samples `step_m` apart.
+    /// White noise, in nT per sample, equivalent to the error between nodes, which is correlated over a cell, at
+    /// samples `step_m` apart.
     pub fn of_interpolation_nt(&self, step_m: f64) -> f64 {
         self.bilinear.map_or(0.0, |(error_nt, cell_m)| error_nt * (cell_m / step_m.min(cell_m)).sqrt())
     }
 }
 
 impl MapErrors {
-    /// The white noise of each sample, in nT, that weighs as much as the map's own error where the aircraft is
-    /// ([`map_noise::along`]). The error lasts for `length_m` (its autocorrelation falls to 1/e); samples are `step_m` apart.
+    /// White noise of each sample, in nT, equivalent to the map's own error at the aircraft ([`map_noise::along`]). The
+    /// autocorrelation of the error falls to 1/e over `length_m`; samples are `step_m` apart.
     ///
     /// # Errors
     /// Fails as [`map_noise::along`].
@@ -111,8 +110,8 @@ impl MapErrors {
     }
 }
 
-/// The error of each level of a map of a height, in nT: below the map its noise amplified and the field that damping removes. The
-/// field past the edges of the map is not known, and counts nowhere.
+/// Error of each level, in nT: below the map its amplified noise and the field that damping removes, else 0. The
+/// unknown field past the edges of the map is ignored.
 fn level_errors(power: &RadialPower, noise_nt: Option<f64>, (own_m, levels_m): (f64, &[f64])) -> Vec<(f64, f64)> {
     let error_nt = |level_m: f64| match own_m - level_m {
         down if down > 0.0 => power.downward_error_nt(down, MAGNAV_ALPHA_M2, noise_nt),
@@ -122,7 +121,7 @@ fn level_errors(power: &RadialPower, noise_nt: Option<f64>, (own_m, levels_m): (
     levels_m.iter().map(|level| (*level, error_nt(*level))).collect()
 }
 
-/// The value between two of ascending places, or that at the nearest end.
+/// Linear interpolation between ascending places; beyond the ends the nearest value.
 fn between(levels: &[(f64, f64)], at: f64) -> f64 {
     let after = levels.partition_point(|(level, _)| *level <= at);
     match (after.checked_sub(1).and_then(|before| levels.get(before)), levels.get(after)) {
@@ -132,19 +131,19 @@ fn between(levels: &[(f64, f64)], at: f64) -> f64 {
     }
 }
 
-/// The root mean square of the finite ones; `None` without any.
+/// Root mean square of the finite values; `None` without any.
 fn rms(values: &[f64]) -> Option<f64> {
     let known: Vec<f64> = values.iter().copied().filter(|x| x.is_finite()).collect();
     (!known.is_empty()).then(|| (known.iter().map(|x| x * x).sum::<f64>() / known.len() as f64).sqrt())
 }
 
-/// The factor from an error that lasts for `length_m` to the white noise of samples `step_m` apart that weighs as much.
+/// Factor from an error with correlation length `length_m` to the equivalent white noise of samples `step_m` apart.
 fn lasting_factor(step_m: f64, length_m: f64) -> f64 {
     (2.0 * length_m / step_m.min(2.0 * length_m)).sqrt()
 }
 
-/// The rms error of bilinear interpolation over the known cells: in a cell's middle it is what the cubic convolution of
-/// Keys (1981) has more, and over the cell it falls to nothing at the nodes.
+/// Rms error of bilinear interpolation over the known cells. In the middle of a cell it is the difference to cubic
+/// convolution (Keys 1981); towards the nodes it falls to 0.
 fn bilinear_error_nt(map: &PlaneGrid) -> f64 {
     const WEIGHTS: [f64; 4] = [-1.0 / 16.0, 9.0 / 16.0, 9.0 / 16.0, -1.0 / 16.0];
     let (mut sum, mut cells) = (0.0, 0.0);

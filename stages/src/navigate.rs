@@ -1,4 +1,4 @@
-//! Navigates by the magnetic anomaly.
+//! Navigation by the magnetic anomaly.
 
 mod aiding;
 mod aircraft;
@@ -59,30 +59,33 @@ use crate::{
 };
 
 stage! {
-    /// Corrects an INS by matching the compensated field to an anomaly map, by one of the filters below.
+    /// Corrects an INS by matching the compensated field to an anomaly map with one of the filters below.
     ///
-    /// The states are the errors of the INS (truth - INS) and the temporal variation; the estimate is INS plus state.
-    /// Each row holds the state after the measurement of its sample. `update` says what became of the measurement:
-    /// `used`; `missing`, where it is NaN; `off_map`, where the predicted position is off the map or in an unknown cell;
-    /// `gated`; `flat`, where the map is too flat to tell a position (`flat_over_m`); `unused`, where the filter has no use for it. Whatever is not used leaves the filter predicting, with NaN in `residual` and `nis`, and goes on.
+    /// The states are the errors of the INS (truth minus INS) and the temporal variation. The estimate is INS plus
+    /// state. Each row holds the state a posteriori. `update` gives the outcome of the measurement: `used`; `missing`,
+    /// a NaN; `off_map`, a predicted position off the map or in an unknown cell; `gated`, an outlier; `flat`, a map too
+    /// flat to observe the position (`flat_over_m`); `unused`, not needed by the filter. When a measurement is not
+    /// used, the filter makes the time update only, and `residual` and `nis` are NaN.
     ///
-    /// A flat map without a core field only moves the temporal variation; with one, the slope of the core field corrects
-    /// the position too, however little. An INS value that is NaN is an error that names the row. Velocities,
-    /// specific forces and attitude that the flight lacks are derived from the INS positions (attitude: level, along the
-    /// course). The map is taken as it is, at its own height, unless `map_levels_m` has it continued to the heights flown;
-    /// `map_height_error` is the rms error to expect of that over the whole map, from its spectrum, at the mean height of
-    /// the line; with `map_levels_m` that of the continuation: the unknown field past the edges and, below the map, its
-    /// noise amplified and the field that damping removes. NaN where the map's height is unknown. A map in eastings and northings is looked up
-    /// between its own nodes.
+    /// A flat map without a core field corrects the temporal variation only. With a core field, the slope of the core
+    /// field also corrects the position slightly. A NaN in an INS column is rejected with its row. Missing velocities,
+    /// specific forces and attitudes are derived from the INS positions (attitude: level, along the course).
     ///
-    /// The core field (IGRF-14) is that of one date a line: `decimal_year` where it is given, else the flight's first
-    /// sample with both `year` and `doy`. It refuses a flight whose date neither says, unless `core_field = false`.
+    /// The map is used at its own height unless `map_levels_m` or `tuning = "auto"` continues it. `map_height_error` is
+    /// the expected rms error of the whole map at the mean height of the line, from the spectrum of the map. For a
+    /// continued map it is the error of the continuation below the map: amplified noise and the field that damping
+    /// removes. It is NaN where the map's height is unknown. A map in eastings and northings is interpolated on its
+    /// native grid.
     ///
-    /// `measurement_sigma_nt`, `fogm_sigma_nt` and `fogm_tau_s` may be `"auto"`: what the calibration left, of the columns
-    /// `mag_sigma`, `mag_fogm_sigma` and `mag_fogm_tau`. `compensate` makes them of the lines that its model was fitted on,
-    /// `residual_noise` and `assume_noise` of lines that were flown over a known field. Where an offset is taken off (`offset_window_s`), it
-    /// holds the lasting part of its first seconds, and what remains has twice the variance and correlation time. To the
-    /// white part comes what bilinear interpolation misses between the map's nodes.
+    /// The core field (IGRF-14) is computed at one date per line: `decimal_year`, or the flight's first sample with
+    /// both `year` and `doy`. A flight without a date is rejected unless `core_field = false`.
+    ///
+    /// `measurement_sigma_nt`, `fogm_sigma_nt` and `fogm_tau_s` may be `"auto"`. They then hold the residual of the
+    /// calibration, from the columns `mag_sigma`, `mag_fogm_sigma` and `mag_fogm_tau`. `compensate` estimates these
+    /// columns from the lines of its model's fit; `residual_noise` and `assume_noise` estimate them from lines over a
+    /// known field. With `offset_window_s` the offset removes the slow error of the first seconds, and the variance and
+    /// time constant of the remaining error are doubled. With `measurement_sigma_nt = "auto"` the error of bilinear
+    /// interpolation between nodes is added to the white noise.
     Navigate = "navigate", version 7, grain Line,
     inputs [input: Lines, map: Map optional, model: ManyModels optional],
     groups [noise: MeasurementNoise, start: Start, geometry: SensorGeometry, ins: GradedIns], example r#"
@@ -94,32 +97,37 @@ map             = "anomaly"
 offset_window_s = 1.0
 core_field      = false
 "#;
-    /// The filter.
+    /// Navigation filter.
     filter: Chosen<Filter>, unit "";
-    /// Where unset parameters come from. `auto` finds the noise of each line by the likelihood of its innovations, rejects outliers,
-    /// and continues a map of known height to the heights flown; `magnav` has the defaults of MagNav.jl, no gate, and the map
-    /// as it is. A key that is given has its own value under either.
+    /// Source of unset parameters. `auto` estimates the noise of each line from the likelihood of its innovations,
+    /// rejects outliers, and continues a map of known height to the flight heights. `magnav` uses the defaults of
+    /// MagNav.jl, no gate, and the map at its own height. A key in the spec overrides either.
     tuning: Tuning, unit "", default Tuning::Auto;
-    /// The measured field, of one magnetometer or of several. A filter that does not take each by itself is handed their
-    /// mean at each sample, with the noise of a mean of as many independent ones; the offset is then that of each.
+    /// Measured field of one or several magnetometers. A filter that does not process each magnetometer uses their mean
+    /// at each sample and the noise of a mean of independent readings. Each magnetometer has its own offset.
     mag: Vec<String>, unit "nT", default vec!["mag_c".to_owned()];
-    /// Whether the measurement holds the core field, which is then part of the prediction.
+    /// Predicts the core field as part of the measurement. `false`: the measurement is an anomaly.
     core_field: bool, unit "", default true;
-    /// Whether the column `diurnal` is taken off the measurement, so that the temporal variation need not be estimated. A
-    /// sample without it has no measurement.
-    remove_diurnal: Option<bool>, unit "", absent "true where the flight has the column and the measurement still holds it";
-    /// The date of the core field, in place of the flight's own.
+    /// Subtracts the column `diurnal` from the measurement, so that the filter need not estimate the temporal
+    /// variation. A sample with a NaN in `diurnal` has no measurement.
+    remove_diurnal: Option<bool>, unit "",
+        absent "true if the flight has the column and the measurement still contains it";
+    /// Date of the core field as a decimal year. Replaces the flight's date.
     decimal_year: Option<f64>, unit "a", absent "the flight's own date", rule Rule::Between(1900.0, 2030.0);
-    /// How the map is interpolated: bilinear, or by a natural cubic spline.
+    /// Interpolation of the map: bilinear, or natural cubic spline.
     map_interpolation: Interpolation, unit "", default Interpolation::Linear;
-    /// The heights above the ellipsoid, ascending, to which the map is continued; between them it is interpolated.
-    map_levels_m: Option<Vec<f64>>, unit "m", absent "the map is taken at its own height, whatever that of the flight";
-    /// The distance over which the error of the map lasts, for a map with the column `error` (`map_grid`, `track_map`): about
-    /// that of the lines it is made of. To the noise of each sample comes the white one that weighs as much as the error
-    /// of the nodes around the position that an extended Kalman filter of the field predicts.
-    map_error_length_m: Option<f64>, unit "m", absent "the map is taken as exact", rule Rule::Positive;
-    /// The mean of measurement minus prediction over the first seconds of a line, taken off before filtering; 0 takes
-    /// nothing off. Compensation leaves a constant undetermined.
+    /// Heights above the ellipsoid, ascending, to which the map is continued. Between them the map is interpolated
+    /// linearly.
+    map_levels_m: Option<Vec<f64>>, unit "m",
+        absent "continued to the flight heights with `tuning = \"auto\"`, else used at its own height";
+    /// Correlation length of the map error, for a map with the column `error` (`map_grid`, `track_map`); typically the
+    /// spacing of its survey lines. The equivalent white noise is added to the measurement noise of each sample. An
+    /// extended Kalman filter predicts the position at which the error is read.
+    map_error_length_m: Option<f64>, unit "m",
+        absent "with `tuning = \"auto\"` the likelihood gives the weight of the column `error`, else the map is exact", rule Rule::Positive;
+    /// Length of the window from the start of a line over which the mean of measurement minus prediction is computed.
+    /// This offset is subtracted before filtering, because compensation leaves a constant undetermined. 0 subtracts
+    /// nothing.
     offset_window_s: f64, unit "s", default 0.0, rule Rule::NotNegative;
 }
 
@@ -133,7 +141,7 @@ const TERM: &str = "term";
 const VALUE: &str = "value";
 const STD: &str = "std";
 
-/// The columns of a model table that are read.
+/// Columns read from a model table.
 fn of_model(model: &Table) -> Vec<&'static str> {
     [TERM, VALUE, STD].into_iter().chain(model.shape().get(RATE).map(|_| RATE)).collect()
 }
@@ -145,7 +153,7 @@ fn map_and_models(inputs: &[RecordBatch]) -> (Option<&RecordBatch>, impl Iterato
     (further.clone().find(move |table| has(table, ANOMALY)), further.filter(move |table| has(table, TERM)))
 }
 
-/// The error to expect of a map at another height, for `score`.
+/// Expected error of a map at another height than its own, for `score`.
 pub(crate) const MAP_HEIGHT_ERROR: &str = "map_height_error";
 
 /// The row of the catalogue, with `filters` to choose from.
@@ -155,19 +163,19 @@ pub fn entry(filters: Vec<&'static Filter>) -> Entry {
 }
 
 impl Navigate {
-    /// The magnetometers that the filter is handed.
+    /// Magnetometers that the filter uses.
     fn magnetometers(&self) -> &[String] {
         if self.filter.keys.takes_field() { &self.mag } else { &[] }
     }
 
-    /// Whether the temporal variation is taken off.
+    /// Whether the temporal variation is subtracted.
     fn removes_diurnal(&self, shape: &Shape) -> bool {
         let there = shape.get(DIURNAL).is_some();
         corrects(shape, self.magnetometers(), Correction::Diurnal, self.remove_diurnal, there)
             && self.filter.keys.takes_field()
     }
 
-    /// Faults of corrections that the magnetometers have had before.
+    /// Faults of corrections that were made before.
     fn corrections_twice(&self, shape: &Shape) -> Vec<Fault> {
         let mags = self.magnetometers();
         let there = shape.get(DIURNAL).is_some() || self.remove_diurnal.is_some();
@@ -214,13 +222,14 @@ impl Navigate {
         notes.extend(self.start_note(shape));
         notes.extend(note(shape, self.magnetometers(), Correction::Diurnal, self.remove_diurnal));
         if self.remove_diurnal.is_none() && self.removes_diurnal(shape) {
-            notes
-                .push(format!("`{DIURNAL}` is taken off the measurement; say `remove_diurnal = false` to leave it in"));
+            notes.push(format!(
+                "`{DIURNAL}` is subtracted from the measurement; set `remove_diurnal = false` to keep it"
+            ));
         }
         for (three, from) in [(VELOCITY, "INS positions"), (FORCE, "INS velocities"), (ATTITUDE, "the course, level")] {
             let missing: Vec<&str> = three.into_iter().filter(|c| shape.get(c).is_none()).collect();
             if !missing.is_empty() {
-                notes.push(format!("no {}: derived from {from}", missing.join(", ")));
+                notes.push(format!("{} missing: derived from {from}", missing.join(", ")));
             }
         }
         notes
@@ -243,7 +252,7 @@ impl Stage for Navigate {
 
     fn idle(&self, key: &str) -> Option<Fault> {
         let unused = key == "noise_column" && !self.filter.keys.takes_field();
-        let what = || Fault::new(format!("the filter `{}` has no use for `noise_column`", self.filter.kind.name));
+        let what = || Fault::new(format!("the filter `{}` does not use `noise_column`", self.filter.kind.name));
         let noise = unused.then(what);
         self.filter.foreign(key).or(noise).or_else(|| self.geometry.idle(key)).or_else(|| self.filter.keys.idle(key))
     }
@@ -264,7 +273,7 @@ impl Stage for Navigate {
         faults.extend(self.start_faults(shape));
         faults.extend(self.noise_faults(shape));
         if self.remove_diurnal == Some(true) {
-            let found = shape.number(DIURNAL, "nT").map_err(|f| f.help("say `remove_diurnal = false`"));
+            let found = shape.number(DIURNAL, "nT").map_err(|f| f.help("set `remove_diurnal = false`"));
             faults.extend(faults_of([found], "remove_diurnal"));
         }
         faults.extend(self.corrections_twice(shape));
@@ -289,7 +298,7 @@ impl Stage for Navigate {
         if let (Some(_), Some(Table::Map(shape))) = (self.map_error_length_m, map.map(|at| tables[at]))
             && let Err(fault) = shape.number(schemas::map::ERROR, "nT")
         {
-            let help = "`map_grid` with `cross_validate` makes such a map, and a Parquet map may have the column";
+            let help = "make the map with `map_grid` and `cross_validate`, or add the column to a Parquet map";
             faults.push(fault.of_param("map_error_length_m").help(help));
         }
         if !faults.is_empty() {
@@ -308,19 +317,19 @@ impl Stage for Navigate {
             ("vn", "m/s", "estimated velocity north"),
             ("ve", "m/s", "estimated velocity east"),
             ("vd", "m/s", "estimated velocity down"),
-            ("sd_n", "m", "one sigma of the position, north"),
-            ("sd_e", "m", "one sigma of the position, east"),
+            ("sd_n", "m", "standard deviation of the position error north"),
+            ("sd_e", "m", "standard deviation of the position error east"),
             ("cov_ne", "m2", "covariance of the north and east position errors"),
-            ("residual", "nT", "innovation: measurement minus prediction; NaN where none was used"),
+            ("residual", "nT", "innovation: measurement minus prediction; NaN where no measurement was used"),
             ("nis", "1", "normalised innovation squared"),
         ];
         let mut columns: Vec<Column> = named.into_iter().map(|(n, u, d)| made(Column::float(n, u, d))).collect();
         columns.push(made(Column::text(
             "update",
-            "what became of the measurement: used, missing, off_map, gated, flat or unused",
+            "outcome of the measurement: used, missing, off_map, gated, flat or unused",
         )));
         let height =
-            "rms error to expect because the map is at another height than the line; NaN where its own is unknown";
+            "expected rms error of the map at the height of the line; NaN where the height of the map is unknown";
         columns.push(made(Column::float(MAP_HEIGHT_ERROR, "nT", height)));
         columns.extend(self.noise_columns(map.is_some()).into_iter().map(made));
         columns.extend(filter.columns(&flight).into_iter().map(made));
@@ -373,28 +382,30 @@ impl Navigate {
         self.map_error_length_m.is_some() || self.is_auto() && there
     }
 
-    /// What is wrong with the tables beside the flight.
+    /// Faults of the tables other than the flight.
     fn input_faults(&self, map: bool, models: bool) -> Vec<Fault> {
         let (name, filter) = (self.filter.kind.name, &self.filter.keys);
         let mut faults = vec![];
         if !map && filter.needs_map() {
-            let what = format!("the filter `{name}` needs `map`, the name of a map");
+            let what = format!("the filter `{name}` requires a map; set `map`");
             faults.push(Fault::new(what));
         }
         if map && !filter.takes_map() {
-            faults.push(Fault::new(format!("the filter `{name}` takes no map")).of_param("map"));
+            faults.push(
+                Fault::new(format!("the filter `{name}` uses no map; remove the map from the stage")).of_param("map"),
+            );
         }
         if models && !filter.takes_models() {
-            faults.push(Fault::new(format!("the filter `{name}` takes no model")).of_param("model"));
+            faults.push(Fault::new(format!("the filter `{name}` uses no model; remove `model`")).of_param("model"));
         }
         faults
     }
 
-    /// The measurement of a magnetometer, less the temporal variation where that is known.
+    /// Measurement of a magnetometer, minus the diurnal variation where it is removed.
     fn measured(&self, batch: &RecordBatch, mag: &str) -> Result<Vec<f64>, Fault> {
         let mut measured = floats(batch, mag)?.to_vec();
         if self.removes_diurnal(&Shape::of(&batch.schema())) {
-            let diurnal = floats(batch, DIURNAL).map_err(|f| f.help("say `remove_diurnal = false`"))?;
+            let diurnal = floats(batch, DIURNAL).map_err(|f| f.help("set `remove_diurnal = false`"))?;
             measured.iter_mut().zip(diurnal).for_each(|(m, d)| *m -= d);
         }
         Ok(measured)
@@ -425,7 +436,7 @@ impl Navigate {
         arrays.extend(flown.gnss.as_ref().map(Gnss::array));
         if arrays.iter().any(|array| arrow_array::Array::len(array) != rows) {
             let what =
-                format!("the filter `{}` hands out columns of other lengths than the line", self.filter.kind.name);
+                format!("the filter `{}` returns columns whose length differs from the line's", self.filter.kind.name);
             return Err(Fault::bug(what));
         }
         Ok(arrays)

@@ -43,44 +43,45 @@ use self::{
 };
 use crate::columns::{faults_of, floats, shape};
 
-/// The column with the reason of a value that is missing.
+/// Column with the reason for a missing value.
 pub const NOTE: &str = "note";
-/// The column with the quantiles of the samples, by which lines are pooled.
+/// Column with the quantiles of the samples, from which lines are pooled.
 pub const SPREAD: &str = "spread";
 
 stage! {
-    /// Scores each line: a compensated signal against the truth, a track against the true positions.
+    /// Scores each line: a compensated signal against the truth, and a track against the true positions.
     ///
-    /// `input` names one or several tables with the same samples: that with the compensated signal, that of the track.
-    /// Left out, `metrics` is all that these tables allow. Every metric is a row of `metric`, `value`, `unit` and `n`, the
-    /// number of samples (for crossings: pairs) behind it. Rows where a value is NaN are left out of a metric and of its
-    /// `n`; a metric with no sample left has a null value. A metric that cannot be computed for a line, such as one whose
-    /// upper corner is above half its sample rate, has a null value and the reason in `note`; the others are kept. The run
-    /// warns of it, and fails where `metrics` names it.
+    /// `input` names one or several tables with the same samples: the table with the compensated signal and the table
+    /// of the track. If `metrics` is unset, all metrics that these tables allow are scored. Each metric is a row with
+    /// `metric`, `value`, `unit` and `n`, the number of samples (for crossings: pairs). Rows with a NaN are excluded
+    /// from a metric and its `n`; a metric without samples has a null value. A metric that cannot be computed for a
+    /// line has a null value and the reason in `note`. An example is an upper corner above half the sample rate. The
+    /// other metrics are kept. The run reports a warning, or fails if `metrics` names the metric.
     ///
-    /// The published table also has `in_sample`: true where a model, noise or map behind the score was made from this
-    /// line, or a search chose by it. Such a score is an error of the fit, not of a prediction, and is never the best of
-    /// a sweep. Noise that `navigate` finds on the line that it navigates uses no truth and does not count. Models that are
-    /// read from files count as made from other lines. The table `scores_pooled` of the pipeline
-    /// has one row for each point and metric: `value` over the lines that are not in sample (over all where every line
-    /// is), and `value_in_sample` over the others. `spread` has the quantiles of the samples behind a radius, by which
-    /// lines are pooled.
+    /// The published table also has `in_sample`: true where the model, noise or map behind the score was made from this
+    /// line, or where a search chose a parameter by it. Such a score is an error of the fit, not of a prediction, and
+    /// is never the best of a sweep. Noise that `navigate` estimates on the navigated line uses no truth and does not
+    /// count. Models read from files count as made from other lines.
     ///
-    /// With `truth` the errors are against it; without, `std_uncompensated` and the ratios are those of the signals
-    /// themselves, geology and all. The run notes which metrics lack nothing but a truth.
+    /// The table `scores_pooled` of the pipeline has one row per point and metric. Its `value` pools the lines that are
+    /// not in sample (all lines if every line is in sample), and `value_in_sample` pools the others. `spread` holds the
+    /// quantiles of the samples behind a radius, from which lines are pooled.
     ///
-    /// With a table of `map_value` the map is scored: how well the signal less `igrf` (and `diurnal`, where there is one)
-    /// follows it, how steep it is along the track, and what can be expected of navigating by it. `map_position_bound` is
-    /// the Cramer-Rao bound for a constant horizontal offset when a constant of the measurement is unknown as well and
-    /// each sample errs by `map_sigma_nt` independently; errors that last, as those of maps and of the temporal variation
-    /// do, make it worse.
+    /// With `truth`, errors are against the truth. Without it, `std_uncompensated` and the ratios are those of the
+    /// signals themselves and include the anomaly. The run notes the metrics that lack only a truth.
     ///
-    /// A track is held against its own covariance as well: `nees_consistent` and `nis_consistent` are tests at 95 %,
-    /// `whiteness`, `error_within_3sigma` and `divergence` are shares of lags and samples whose values for a consistent
-    /// filter are known. Innovations on both sides of a sample without a measurement are no neighbours.
+    /// With a table of `map_value` the map is scored: the agreement of the signal with the map, the slope of the map
+    /// along the track, and the expected accuracy of navigation. `igrf` and, if available, `diurnal` are first
+    /// subtracted from the signal. `map_position_bound` is the Cramér-Rao bound for a constant horizontal offset and an
+    /// unknown constant of the measurement. It assumes independent sample errors of `map_sigma_nt`; correlated errors,
+    /// as of maps and the temporal variation, increase the error.
     ///
-    /// Source: thesis 000, (3.45), (3.46); thesis 001, (66); thesis 004, (2.39) to (2.41); Bar-Shalom, Li & Kirubarajan
-    /// 2001, section 5.4; Mehra 1970.
+    /// A track is also tested against its own covariance: `nees_consistent` and `nis_consistent` are tests at 95 %.
+    /// `whiteness`, `error_within_3sigma` and `divergence` are shares of lags or samples with known expected values for
+    /// a consistent filter. Innovations on both sides of a sample without a measurement do not count as neighbours.
+    ///
+    /// Source: Gnadt 2022, (3.45), (3.46); Lee 2019, (66); van der Meer 2025, (2.39) to (2.41); Bar-Shalom, Li &
+    /// Kirubarajan 2001, section 5.4; Mehra 1970.
     Score = "score", version 6, grain Line, yields Scores, inputs [input: ManyLines],
     example r#"
 [[stages]]
@@ -89,19 +90,19 @@ stage = "score"
 input = ["compensate", "navigate"]
 truth = "mag_1_c"
 "#;
-    /// The column that the compensated signal is held against, such as `mag_1_c`.
-    truth: Option<String>, unit "nT", absent "metrics that need the truth are not scored";
-    /// What to score.
+    /// Column with the true signal, such as `mag_1_c`.
+    truth: Option<String>, unit "nT", absent "metrics that require the truth are not scored";
+    /// Metrics to score.
     metrics: Several<Scorer>, unit "", absent "all metrics that the inputs allow";
-    /// The compensated signal.
+    /// Column of the compensated signal.
     mag: String, unit "nT", default "mag_c";
-    /// The lower corner for `improvement_ratio_band` and `figure_of_merit`.
+    /// Lower corner frequency for `improvement_ratio_band` and `figure_of_merit`.
     low_hz: f64, unit "Hz", default 0.1, rule Rule::NotNegative;
-    /// The upper corner for these.
+    /// Upper corner frequency for `improvement_ratio_band` and `figure_of_merit`.
     high_hz: f64, unit "Hz", default 0.9, rule Rule::NotNegative;
-    /// The order of their filter.
+    /// Order of the band-pass filter for `improvement_ratio_band` and `figure_of_merit`.
     order: usize, unit "", default 4usize, rule Rule::Between(1.0, 12.0);
-    /// The error of a sample, for `map_position_bound`.
+    /// Standard deviation of the error of a sample, for `map_position_bound`.
     map_sigma_nt: f64, unit "nT", default 5.0, rule Rule::Positive;
 }
 
@@ -112,12 +113,12 @@ pub fn entry(scorers: Vec<&'static Scorer>) -> Entry {
 }
 
 impl Score {
-    /// What a metric lacks, in words.
+    /// Description of the source that a metric lacks.
     fn lacks(&self, places: &Places, scorer: &Scorer) -> Option<String> {
         scorer.needs.iter().find(|s| places.get(**s).is_none()).map(|s| s.words(self))
     }
 
-    /// Notes on the metrics that lack nothing but a truth.
+    /// Notes on the metrics that lack only a truth.
     fn not_scored(&self, places: &Places) -> Vec<String> {
         let is_missing = |source: &&Source| places.get(**source).is_none();
         let lacks_truth_alone = |scorer: &&&Scorer| scorer.needs.iter().filter(is_missing).all(|s| s.is_truth());
@@ -134,10 +135,10 @@ impl Score {
         notes
     }
 
-    /// The metrics that are wanted and can be had.
+    /// Requested metrics that can be computed.
     fn chosen(&self, places: &Places) -> Vec<&'static Scorer> {
         let mut chosen: Vec<_> = self.metrics.wanted().filter(|s| self.lacks(places, s).is_none()).collect();
-        // A retention means nothing without its error.
+        // A retention is always scored with its standard error.
         let at = |chosen: &[&Scorer], scorer: &Scorer| chosen.iter().position(|s| s.metric.name == scorer.metric.name);
         if let (Some(place), None) = (at(&chosen, &ANOMALY_RETENTION), at(&chosen, &ANOMALY_RETENTION_SE)) {
             chosen.insert(place + 1, &ANOMALY_RETENTION_SE);
@@ -145,7 +146,7 @@ impl Score {
         chosen
     }
 
-    /// All that is wrong with what is asked of these tables.
+    /// Faults of the requested metrics on these tables.
     fn faults(&self, shapes: &[&Shape], places: &Places) -> Vec<Fault> {
         let mut faults = vec![];
         if let Some(truth) = &self.truth {
@@ -154,12 +155,12 @@ impl Score {
         }
         for scorer in self.metrics.named() {
             if let Some(lack) = self.lacks(places, scorer) {
-                faults.push(Fault::new(format!("`{}` needs {lack}", scorer.metric.name)).of_param("metrics"));
+                faults.push(Fault::new(format!("`{}` requires {lack}", scorer.metric.name)).of_param("metrics"));
             }
         }
         if faults.is_empty() && self.chosen(places).is_empty() {
-            let help = format!("name a table with `{}` or a track", self.mag);
-            faults.push(Fault::new("there is nothing to score in these tables").help(help).of_param("input"));
+            let help = format!("add a table with `{}` or a track to `input`", self.mag);
+            faults.push(Fault::new("these tables allow no metric").help(help).of_param("input"));
         }
         faults
     }
@@ -188,16 +189,15 @@ impl Stage for Score {
             return Err(faults);
         }
         let reads = self.reads(&places, inputs.len());
-        let spread =
-            "quantiles of the samples behind a radius, each for the same share of them; null for other metrics";
+        let spread = "quantiles of the samples behind a radius, at equal steps of probability; null for other metrics";
         let columns = vec![
             Column::text("flight", "flight identifier").role(Role::Key),
             Column::text("line", "line identifier").role(Role::Key),
-            Column::text("metric", "what was scored").role(Role::Key),
-            Column::float("value", "", "the score; null where no sample was left for it"),
-            Column::text("unit", "the unit of the value"),
-            Column::integer("n", "", "samples or pairs behind it"),
-            Column::text(NOTE, "why there is no value; null where there is one"),
+            Column::text("metric", "name of the metric").role(Role::Key),
+            Column::float("value", "", "score; null without samples"),
+            Column::text("unit", "unit of the value"),
+            Column::integer("n", "", "number of samples or pairs"),
+            Column::text(NOTE, "reason for a missing value; null otherwise"),
             Column { column_type: ColumnType::Other(spread_type()), ..Column::float(SPREAD, "", spread) },
         ];
         let columns = columns.into_iter().map(|c| reads.iter().enumerate().fold(c, |c, (i, names)| c.from(i, names)));
@@ -250,7 +250,7 @@ struct Row {
     metric: &'static Metric,
     figure: Figure,
     spread: Option<Vec<f64>>,
-    /// Why there is no value.
+    /// Reason for a missing value.
     note: Option<String>,
 }
 
@@ -280,14 +280,14 @@ pub fn spread_at(spreads: Option<&ListArray>, row: usize) -> Vec<f64> {
     values.map(|values| values.values().to_vec()).unwrap_or_default()
 }
 
-/// The tables must hold the same samples.
+/// Checks that the tables have the same samples.
 fn same_samples(line: &LineIn) -> Result<(), Fault> {
     let first = floats(&line.inputs[0], "tt")?;
     for batch in &line.inputs[1..] {
         if floats(batch, "tt")? != first {
             return Err(Fault::data("the tables to score have different samples")
                 .in_column("tt")
-                .help("score tables that were made from the same resampling"));
+                .help("set `input` to tables that were made from the same `resample`"));
         }
     }
     Ok(())

@@ -1,4 +1,4 @@
-//! Gives a flight an INS that it did not have.
+//! Simulated INS of a flight.
 
 use arrow_array::RecordBatch;
 use numerics::{
@@ -19,25 +19,24 @@ use schemas::{Arrays, Column, Fault, LineIn, LineStage, Rule, Shape, Stage, Tabl
 use crate::columns::{array, data, faults_of, floats, shape};
 
 stage! {
-    /// Gives a flight without an INS, or with another one than you ask about, the INS of a grade: the GNSS track with
-    /// simulated errors. It appends `ins_lat`, `ins_lon`, `ins_alt`, `ins_vn`, `ins_ve`, `ins_vd`, `ins_fn`, `ins_fe`,
-    /// `ins_fd`, `ins_roll`, `ins_pitch`, `ins_yaw` and `ins_aligned`, which `navigate` takes like those of a flight.
+    /// Adds the INS of a grade to a flight without an INS, or replaces the flight's INS: the GNSS track with simulated
+    /// errors. It appends `ins_lat`, `ins_lon`, `ins_alt`, `ins_vn`, `ins_ve`, `ins_vd`, `ins_fn`, `ins_fe`, `ins_fd`,
+    /// `ins_roll`, `ins_pitch`, `ins_yaw` and `ins_aligned`, which `navigate` reads like those of a flight.
     ///
-    /// The truth is `lat`, `lon` and `alt`, with `vn`, `ve`, `vd` and `roll`, `pitch`, `yaw` where the flight has all
-    /// three; what it lacks is derived: velocity from the positions, specific force from the velocity, attitude level
-    /// along the course. Derivatives amplify the noise of a GNSS receiver, the specific force by two of them, so positions
-    /// and velocities are smoothed over `smooth_s` first; the INS is then true but for its own errors, to within what the
-    /// smoothing takes off, and does not jitter with the receiver.
+    /// The truth is `lat`, `lon` and `alt`, with `vn`, `ve`, `vd` and `roll`, `pitch`, `yaw` if the flight has all
+    /// three. Missing columns are derived: velocity from the positions, specific force from the velocity, attitude
+    /// level along the course. Derivatives amplify the noise of a GNSS receiver, and the specific force is a second
+    /// derivative. Positions and velocities are therefore first smoothed over `smooth_s`. Apart from the effect of
+    /// smoothing, the INS then has only its own errors and no jitter of the receiver.
     ///
-    /// Each line begins with a new alignment, with errors drawn by the `init_*` keys, and has its own realisation: by
-    /// `seed` and the names of its flight and line, whatever the other lines are. Lines of one seed and name have the
-    /// same INS on every machine. Samples need not be even. One realisation is one INS: for the figures of a grade sweep
-    /// `seed`.
+    /// Each line begins with a new alignment with errors drawn by the `init_*` keys. Its realisation depends only on
+    /// `seed` and the names of its flight and line. Lines with the same seed and names have the same INS on every
+    /// machine. Samples need not be evenly spaced. One realisation is one INS: sweep `seed` for statistics of a grade.
     ///
-    /// It refuses a position, velocity or attitude that is NaN, time that does not ascend, a line of one sample, and an
-    /// INS that is off by more than 1,000 km, and it keeps an INS that the flight has unless `replace = true`.
+    /// The stage rejects a NaN in position, velocity or attitude, times that do not ascend, a line of one sample, and
+    /// an INS with an error above 1,000 km. An existing INS is rejected unless `replace = true`.
     ///
-    /// Source: thesis 000, (5.15) to (5.35); Titterton & Weston 2004, chapter 12; grades: thesis 001, Tables 9 and 10.
+    /// Source: Gnadt 2022, (5.15) to (5.35); Titterton & Weston 2004, chapter 12; grades: Lee 2019, Tables 9 and 10.
     SimulateIns = "simulate_ins", version 2, grain Line, inputs [input: Lines], groups [ins: GradedIns],
     example r#"
 [[stages]]
@@ -47,20 +46,20 @@ input     = "resample"
 ins_grade = "navigation"
 replace   = true
 "#;
-    /// What carries the errors along: the linear error model, which `navigate` has too, or a strapdown mechanisation of
-    /// faulty readings, which is right for errors of any size.
+    /// Propagation of the errors: the linear error model that `navigate` uses, or a strapdown mechanisation of faulty
+    /// readings, which is accurate for errors of any size.
     method: Method, unit "", default Method::ErrorModel;
-    /// The length of the window over which positions and velocities are smoothed, by parabolas whose weights fall to 0
-    /// at its ends; 0 takes them as they are.
+    /// Length of the window over which positions and velocities are smoothed, by parabolas whose weights fall to 0 at
+    /// its ends. 0 does not smooth.
     smooth_s: f64, unit "s", default 5.0, rule Rule::NotNegative;
-    /// Where the draws begin.
+    /// Seed of all random draws.
     seed: usize, unit "", default 0usize;
-    /// Whether an INS that the flight has is replaced.
+    /// Replaces an existing INS of the flight.
     replace: bool, unit "", default false;
 }
 
 choice! {
-    /// What carries the errors along.
+    /// Propagation of the errors.
     pub enum Method {
         /// The linear error model.
         ErrorModel = "error_model",
@@ -73,7 +72,7 @@ const POSITION: [(&str, &str); 3] = [("lat", "deg"), ("lon", "deg"), ("alt", "m"
 const VELOCITY: [(&str, &str); 3] = [("vn", "m/s"), ("ve", "m/s"), ("vd", "m/s")];
 const ATTITUDE: [(&str, &str); 3] = [("roll", "deg"), ("pitch", "deg"), ("yaw", "deg")];
 
-/// The columns that are made: those of [`faulty_ins`], in its order, and the time of the alignment.
+/// Columns that are made: those of [`faulty_ins`], in its order, and the time of the alignment.
 const MADE: [&str; 13] = [
     "ins_lat",
     "ins_lon",
@@ -90,32 +89,28 @@ const MADE: [&str; 13] = [
     "ins_aligned",
 ];
 
-/// Beyond it neither an error model nor a map applies.
+/// Largest position error, in m, for which an error model or a map applies.
 const ERROR_LIMIT_M: f64 = 1e6;
 
 impl SimulateIns {
-    /// The columns that are read: all of a group, or none.
+    /// Columns that are read: all of a group, or none.
     fn reads(shape: &Shape) -> Vec<(&'static str, &'static str)> {
         let there = |group: &&[(&str, &str); 3]| group.iter().all(|(name, _)| shape.get(name).is_some());
         POSITION.into_iter().chain([&VELOCITY, &ATTITUDE].into_iter().filter(there).copied().flatten()).collect()
     }
 
-    /// The INS of the flight, which is not to be replaced.
+    /// Fault of an existing INS that is not to be replaced.
     fn kept(&self, shape: &Shape) -> Option<Fault> {
         let have = MADE.into_iter().find(|name| shape.get(name).is_some()).filter(|_| !self.replace)?;
-        let what = format!("the flight has an INS already: `{have}`");
-        Some(
-            Fault::new(what)
-                .help("say `replace = true` where the simulated one is to take its place")
-                .of_param("replace"),
-        )
+        let what = format!("the flight already has an INS: `{have}`");
+        Some(Fault::new(what).help("set `replace = true` to replace it by the simulated INS").of_param("replace"))
     }
 
     fn model(&self) -> InsErrorModel {
         InsErrorModel { fogm_sigma_nt: 0.0, ..InsErrorModel::of(self.ins.sources) }
     }
 
-    /// The realisation of a line: truth minus INS, one a sample.
+    /// Realisation of a line: truth minus INS, one value per sample.
     fn errors(&self, truth: &InsSeries, line: &LineIn) -> Result<Vec<StateVector>, Fault> {
         let normals = |what| Normals::new(seed_of(self.seed as u64, &[&line.flight, &line.line, what]));
         let (mut block, mut within) = (normals("ins"), normals("ins within a second"));
@@ -132,7 +127,7 @@ impl SimulateIns {
     }
 }
 
-/// The true motion along a line: as the flight has it, smoothed, with what it lacks derived.
+/// True motion along a line: smoothed, with missing columns derived.
 struct Truth<'a> {
     tt_s: &'a [f64],
     columns: [Vec<f64>; 12],
@@ -179,31 +174,32 @@ fn known<'a>(batch: &'a RecordBatch, name: &str) -> Result<&'a [f64], Fault> {
     let column = floats(batch, name)?;
     match column.iter().position(|x| !x.is_finite()) {
         None => Ok(column),
-        Some(row) => Err(Fault::data("an INS runs on through a gap, and there is no truth for it here")
+        Some(row) => Err(Fault::data("the truth has a gap, but a simulated INS requires a truth at every sample")
             .in_column(name)
             .in_row(row as u64)
-            .help("bridge short gaps with `resample` (`max_gap_s`), and split a line at long ones")),
+            .help("fill short gaps with `resample` (`max_gap_s`), and split a line at long ones")),
     }
 }
 
-/// What is wrong with times or positions.
+/// Fault of times or positions.
 fn named(e: numerics::navigation::ins_series::SeriesError, lat: &str) -> Fault {
     use numerics::navigation::ins_series::SeriesError as E;
     match e {
-        E::Time { row, .. } => data(e).in_column("tt").in_row(row as u64).help("resample first"),
+        E::Time { row, .. } => data(e).in_column("tt").in_row(row as u64).help("add a `resample` before this stage"),
         E::Latitude { row, .. } => data(e).in_column(lat).in_row(row as u64),
         E::TooShort { .. } | E::Length { .. } | E::NotFinite { .. } => data(e),
     }
 }
 
-/// Refuses an INS that is nowhere near the flight.
+/// Rejects an INS with an error above the limit.
 fn check_limit(truth: &InsSeries, errors: &[StateVector]) -> Result<(), Fault> {
     let off_m = |row: usize| horizontal_m(&errors[row], truth.lat_deg[row].to_radians(), truth.alt_m[row]);
     let beyond = (0..errors.len()).find(|row| off_m(*row).is_nan() || off_m(*row) > ERROR_LIMIT_M);
     beyond.map_or(Ok(()), |row| {
         let since_s = truth.tt_s[row] - truth.tt_s[0];
-        let what = format!("the simulated INS is off by more than 1,000 km after {since_s:.0} s");
-        let help = "choose a better `ins_grade` or shorter lines: a commercial one is of use for a minute or two";
+        let what = format!("the error of the simulated INS exceeds 1,000 km after {since_s:.0} s");
+        let help =
+            "set a better `ins_grade`, or use shorter lines: a `commercial` INS is usable for one or two minutes";
         Err(Fault::data(what).in_row(row as u64).help(help))
     })
 }
@@ -226,7 +222,7 @@ impl Stage for SimulateIns {
         for (three, from) in [(VELOCITY, "the positions"), (ATTITUDE, "the course, level")] {
             if !reads.contains(&three[0].0) {
                 let names = three.map(|(name, _)| name).join(", ");
-                yields.notes.push(format!("no {names}: the truth is derived from {from}"));
+                yields.notes.push(format!("{names} missing: the truth is derived from {from}"));
             }
         }
         Ok(yields)

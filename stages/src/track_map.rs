@@ -1,4 +1,4 @@
-//! Makes a map of navigated lines.
+//! Maps made from navigated lines.
 
 mod gather;
 #[cfg(test)]
@@ -24,29 +24,31 @@ use crate::{
 };
 
 stage! {
-    /// Makes a map of the measurements of lines at the positions of their tracks, with the standard deviation `sd` of each
-    /// node: Gaussian-process regression of reduced rank.
+    /// Makes a map from the measurements of lines at the positions of their tracks, by reduced-rank Gaussian-process
+    /// regression. `sd` is the standard deviation of each node.
     ///
-    /// Use it to plot, score and navigate on what an aircraft without a map has found: `track` is the table of a `navigate`,
-    /// by `slam` for instance, and its `lat`, `lon` and `alt` are where the measurements of `input` are taken to be. Without
-    /// `track` they are at the flight's own `lat`, `lon` and `alt`, those of GNSS. Maps of survey lines that are levelled and
-    /// cleaned first are those of `map_grid`.
+    /// Use it to plot, score and navigate on the anomaly that an aircraft without a map has measured. `track` is the
+    /// table of a `navigate`, for example by `slam`; its `lat`, `lon` and `alt` are the positions of the measurements
+    /// of `input`. Without `track` they are the flight's own `lat`, `lon` and `alt`, from GNSS. For survey lines that
+    /// are first levelled and cleaned, use `map_grid`.
     ///
-    /// The anomaly is a Gaussian process, expanded in eigenfunctions of the Laplacian on the area of the lines, so that the
-    /// equations stay the same size however long the flight; each line may have a constant of its own, each flight a temporal
-    /// variation. The kernel is that of `slam`, fitted by maximum likelihood to pieces of the lines. The map is at the mean
-    /// height of the measurements: differences from it are taken as noise.
+    /// The anomaly is a Gaussian process, expanded in eigenfunctions of the Laplacian on the area of the lines. The
+    /// size of the equations therefore does not depend on the length of the flight. Each line may have its own
+    /// constant, each flight a temporal variation. The kernel is that of `slam`, fitted by maximum likelihood to
+    /// segments of the lines. The map is at the mean height of the measurements; height differences are treated as
+    /// noise.
     ///
-    /// The covariance of the track's position (`sd_n`, `sd_e`, `cov_ne`) times the slope of the map counts as noise of the
-    /// measurements, and is in `sd`. An error that the whole track has in common moves the map; nothing in the measurements
-    /// shows it, and `sd` is as good as what the track says of itself. Nodes with an `sd` above `max_sd_nt` are unknown.
+    /// The covariance of the track's position (`sd_n`, `sd_e`, `cov_ne`) times the slope of the map counts as
+    /// measurement noise and is included in `sd`. An error common to the whole track shifts the map. The measurements
+    /// do not reveal it, so `sd` is only as accurate as the covariance of the track. Nodes with an `sd` above
+    /// `max_sd_nt` are unknown.
     ///
-    /// Rows without a position, its standard deviation, a height or a measurement are left out. It refuses lines and tracks
-    /// with different samples, a core field without a date, and an area that is too large for the length of the field:
-    /// divide it by `bounds`; measurements three lengths beyond them are then left out.
+    /// Rows without a position, its standard deviation, a height or a measurement are skipped. The stage rejects lines
+    /// and tracks with different samples, a core field without a date, and an area that is too large for the length of
+    /// the kernel. Divide such an area by `bounds`; measurements more than three lengths beyond them are skipped.
     ///
-    /// Source: Solin and Särkkä 2020, "Hilbert space methods for reduced-rank Gaussian process regression"; Viset, Kullberg,
-    /// Wesel and Solin 2024 (its normal equations); McHutchon and Rasmussen 2011 (input noise).
+    /// Source: Solin and Särkkä 2020, "Hilbert space methods for reduced-rank Gaussian process regression"; Viset,
+    /// Kullberg, Wesel and Solin 2024 (its normal equations); McHutchon and Rasmussen 2011 (input noise).
     TrackMap = "track_map", version 2, grain Survey, yields Map, inputs [input: Lines, track: Lines optional],
     example r#"
 [[stages]]
@@ -60,61 +62,62 @@ sigma_se_nt     = 100.0
 length_m        = 1000.0
 spacing_m       = 500.0
 "#;
-    /// The measured field.
+    /// Column of the measured field.
     mag: String, unit "nT", default "mag_c";
-    /// Whether the measurement holds the core field (IGRF-14), which is then taken off at the position of the track.
+    /// Subtracts the core field (IGRF-14) at the position of the track. `false`: the measurement is an anomaly.
     core_field: bool, unit "", default true;
-    /// The date of the core field, in place of the flight's own.
+    /// Date of the core field as a decimal year. Replaces the flight's date.
     decimal_year: Option<f64>, unit "a", absent "the flight's own date", rule Rule::Between(1900.0, 2030.0);
-    /// Whether the column `diurnal` is taken off the measurement. A sample without it has no measurement.
-    remove_diurnal: Option<bool>, unit "", absent "true where the flight has the column and the measurement still holds it";
-    /// Measurements within so many seconds are averaged; 0 takes every sample.
+    /// Subtracts the column `diurnal` from the measurement. A sample with a NaN in `diurnal` has no measurement.
+    remove_diurnal: Option<bool>, unit "",
+        absent "true if the flight has the column and the measurement still contains it";
+    /// Interval over which measurements are averaged. 0 uses every sample.
     interval_s: f64, unit "s", default 1.0, rule Rule::NotNegative;
-    /// Whether the hyper-parameters of the kernel are fitted to the lines by maximum likelihood, or are as given.
+    /// Source of the hyper-parameters of the kernel: maximum likelihood on the lines, or the spec.
     hyperparameters: HyperparameterSource, unit "", default HyperparameterSource::Fitted;
-    /// Standard deviation north and east that is added to those of the track: an error that the track does not know of, such
-    /// as that of `slam` until its first revisit.
+    /// Standard deviation north and east that is added to that of the track. It is for an error outside the track's
+    /// covariance, such as that of `slam` before its first revisit.
     position_sigma_m: f64, unit "m", default 0.0, rule Rule::NotNegative;
-    /// How the covariance of the anomaly falls with distance.
+    /// Covariance function of the anomaly over distance.
     covariance: Covariance, unit "", default Covariance::Matern52;
     /// Standard deviation of the anomaly.
     sigma_se_nt: Option<f64>, unit "nT", absent "50 nT", rule Rule::Positive;
-    /// Correlation length of the anomaly; where it is fitted, where the search starts.
+    /// Correlation length of the anomaly; if it is fitted, the initial value of the search.
     length_m: Option<f64>, unit "m", absent "150 m", rule Rule::Positive;
-    /// The noise of an averaged measurement; where it is fitted, where the search starts.
+    /// Standard deviation of the noise of an averaged measurement; if it is fitted, the initial value of the search.
     sigma_n_nt: Option<f64>, unit "nT", absent "1 nT", rule Rule::NotNegative;
     /// Standard deviation of the temporal variation; 0 for none.
     fogm_sigma_nt: f64, unit "nT", default 3.0, rule Rule::NotNegative;
     /// Time constant of the temporal variation.
     fogm_tau_s: f64, unit "s", default 600.0, rule Rule::Positive;
-    /// Standard deviation of the constant that each of several lines has; 0 for none.
+    /// Standard deviation of the constant of each line, if there are several lines; 0 for none.
     line_sigma_nt: f64, unit "nT", default 3.0, rule Rule::NotNegative;
-    /// The distance between nodes.
+    /// Distance between nodes.
     spacing_m: Option<f64>, unit "m", absent "a sixth of the length of the kernel", rule Rule::Positive;
-    /// West, south, east and north of the map: eastings and northings in metres.
+    /// West, south, east and north limits of the map: eastings and northings.
     bounds: Option<Vec<f64>>, unit "m", absent "all measurements";
-    /// Leaves nodes unknown whose standard deviation is above this.
+    /// Largest standard deviation of a known node. Nodes above it are unknown.
     max_sd_nt: Option<f64>, unit "nT", absent "a quarter of the standard deviation of the anomaly", rule Rule::Positive;
-    /// The most functions that the anomaly is a sum of. The work grows with the third power of their number.
+    /// Maximum number of functions in the expansion of the anomaly. Computing time grows with its third power.
     max_functions: usize, unit "1", default 3000usize, rule Rule::Between(1.0, 20_000.0);
-    /// The EPSG code of the map's coordinate system.
-    to_epsg: Option<usize>, unit "", absent "that of the UTM zone of the measurements", rule Rule::Between(1.0, 65535.0);
+    /// EPSG code of the map's coordinate system.
+    to_epsg: Option<usize>, unit "", absent "the UTM zone of the measurements", rule Rule::Between(1.0, 65535.0);
 }
 
 const DIURNAL: &str = "diurnal";
 const PLACE: [&str; 3] = ["lat", "lon", "alt"];
 const SPREAD: [&str; 3] = ["sd_n", "sd_e", "cov_ne"];
-/// The column of the standard deviation.
+/// Column of the standard deviation.
 const SD: &str = "sd";
-/// Nodes in a length of the kernel.
+/// Nodes per length of the kernel.
 const NODES_A_LENGTH: f64 = 6.0;
-/// The standard deviation of a node that is known, in those of the anomaly.
+/// Largest standard deviation of a known node, divided by that of the anomaly.
 const KNOWN: f64 = 0.25;
-/// The most nodes.
+/// Maximum number of nodes.
 const MOST_NODES: f64 = 1e7;
-/// A part of the variance that the functions may lack without a word.
+/// Fraction of the variance that the basis may omit without a warning.
 const LACKING: f64 = 1e-3;
-/// What the model may leave of the measurements, in standard deviations of their noise, without a word.
+/// Residual of the model, in standard deviations of the measurement noise, that is allowed without a warning.
 const MISFIT: f64 = 2.0;
 
 impl TrackMap {
@@ -138,7 +141,7 @@ impl TrackMap {
         reads.into_iter().map(str::to_owned).collect()
     }
 
-    /// What is wrong with the lines and the track.
+    /// Faults of the lines and the track.
     fn faults(&self, lines: &Shape, track: Option<&Shape>) -> Vec<Fault> {
         let mut faults = faults_of([lines.number(&self.mag, "nT")], "mag");
         let mag = std::slice::from_ref(&self.mag);
@@ -153,7 +156,7 @@ impl TrackMap {
             }
         }
         if self.remove_diurnal == Some(true) {
-            let found = lines.number(DIURNAL, "nT").map_err(|f| f.help("say `remove_diurnal = false`"));
+            let found = lines.number(DIURNAL, "nT").map_err(|f| f.help("set `remove_diurnal = false`"));
             faults.extend(faults_of([found], "remove_diurnal"));
         }
         if self.core_field && self.decimal_year.is_none() && !dated_by_flight(lines) {
@@ -226,8 +229,8 @@ impl TrackMap {
         let sd_nt = nodes.iter().map(|node| known(node.sd_nt, node.sd_nt)).collect();
         if values.iter().all(|x| x.is_nan()) {
             let least = nodes.iter().map(|node| node.sd_nt).fold(f64::INFINITY, f64::min);
-            let what = format!("no node has a standard deviation below {most_nt:.1} nT; the least is {least:.1} nT");
-            let help = "choose a larger `max_sd_nt`, or lines closer together";
+            let what = format!("no node has a standard deviation below {most_nt:.1} nT; the smallest is {least:.1} nT");
+            let help = "increase `max_sd_nt`, or add lines in between";
             return Err(Fault::data(what).help(help).of_param("max_sd_nt"));
         }
         let made = points.grid(PlaneGrid { east_m, north_m, values }, Height::Level(report.alt_m))?;
@@ -236,18 +239,19 @@ impl TrackMap {
         Ok(Product { columns, warnings: self.warnings(&report) })
     }
 
-    /// What is not to be trusted.
+    /// Warnings about untrustworthy results.
     fn warnings(&self, report: &track_map::TrackMapReport) -> Vec<String> {
         let mut warnings = vec![];
         if self.hyperparameters == HyperparameterSource::Fitted && !report.fitted {
             warnings.push(
-                "the kernel could not be fitted: the lines are too short, or do not vary; it is as given".to_owned(),
+                "the kernel is not fitted, because the lines are too short or constant; the given kernel is used"
+                    .to_owned(),
             );
         }
         if report.lacking > LACKING {
             warnings.push(format!(
-                "{} functions lack {:.1} % of the variance of a field of a length of {:.0} m, which counts as noise; a \
-                 larger `max_functions`, or smaller `bounds`, take it in",
+                "{} functions omit {:.1} % of the variance of a field of length {:.0} m, which counts as noise; \
+                 increase `max_functions`, or reduce `bounds`",
                 report.functions,
                 100.0 * report.lacking,
                 report.kernel.length_m
@@ -255,8 +259,8 @@ impl TrackMap {
         }
         if report.misfit > MISFIT {
             warnings.push(format!(
-                "the measurements are off the map by {:.1} times the noise that is expected of them: positions err by more \
-                 than the track says, or the field is rougher than the kernel",
+                "the residual of the map is {:.1} times the assumed noise: the position error exceeds the covariance of \
+                 the track, or the field is rougher than the kernel",
                 report.misfit
             ));
         }
@@ -264,8 +268,8 @@ impl TrackMap {
     }
 }
 
-/// The map of the measurements within some bounds, and of those three lengths beyond, which have a say there. The length is
-/// that of a fit to all of them.
+/// Map of the measurements within bounds and up to three lengths beyond, which affect it. The length is fitted to all
+/// measurements.
 fn within(
     parameters: &TrackMapParameters,
     mut samples: Vec<TrackSample>,
@@ -291,7 +295,7 @@ fn axes(samples: &[TrackSample], bounds: Option<[f64; 4]>, spacing_m: f64) -> Re
     let fits = nodes <= MOST_NODES;
     if !fits {
         let what = format!("the map would have {nodes:.0} nodes, {spacing_m:.1} m apart");
-        return Err(Fault::data(what).help("choose a larger `spacing_m`, or smaller `bounds`").of_param("spacing_m"));
+        return Err(Fault::data(what).help("increase `spacing_m`, or reduce `bounds`").of_param("spacing_m"));
     }
     Ok(ends.map(|(first, last)| EvenAxis {
         first: first * spacing_m,
@@ -300,16 +304,16 @@ fn axes(samples: &[TrackSample], bounds: Option<[f64; 4]>, spacing_m: f64) -> Re
     }))
 }
 
-/// What the lines do not allow, and the way out.
+/// Fault of lines that do not allow a map, and its remedy.
 fn refused(error: &TrackMapError) -> Fault {
     match error {
-        TrackMapError::Nothing => data(error).help("do `bounds` hold the lines?"),
+        TrackMapError::Nothing => data(error).help("set `bounds` to an area that contains lines"),
         TrackMapError::TooLarge { .. } => {
-            let help = "divide it by `bounds`, give a larger `max_functions`, or a longer `length_m` with \
+            let help = "divide it by `bounds`, increase `max_functions`, or set a longer `length_m` with \
                         `hyperparameters = \"fixed\"`";
             data(error).help(help).of_param("max_functions")
         }
-        TrackMapError::Singular => data(error).help("give a larger `sigma_n_nt`").of_param("sigma_n_nt"),
+        TrackMapError::Singular => data(error).help("increase `sigma_n_nt`").of_param("sigma_n_nt"),
         TrackMapError::Parameter(_) => data(error),
     }
 }
@@ -327,26 +331,27 @@ impl Stage for TrackMap {
             reads.push(["tt"].iter().chain(&PLACE).chain(&SPREAD).map(|c| (*c).to_owned()).collect());
         }
         let mut yields = schemas::map::yields(schemas::map::ANOMALY_UNIT, reads.clone());
-        let sd = Column::float(SD, "nT", "one sigma of the anomaly; NaN where that is unknown");
+        let sd = Column::float(SD, "nT", "standard deviation of the anomaly; NaN where unknown");
         yields.columns.push(reads.iter().enumerate().fold(sd, |sd, (i, names)| sd.from(i, names)));
         let mag = std::slice::from_ref(&self.mag);
         yields.notes.extend(note(lines, mag, Correction::Diurnal, self.remove_diurnal));
         if self.remove_diurnal.is_none() && self.removes_diurnal(lines) {
-            let what = format!("`{DIURNAL}` is taken off the measurement; say `remove_diurnal = false` to leave it in");
+            let what =
+                format!("`{DIURNAL}` is subtracted from the measurement; set `remove_diurnal = false` to keep it");
             yields.notes.push(what);
         }
         Ok(yields)
     }
 
     fn idle(&self, key: &str) -> Option<Fault> {
-        let of = |what: &str| Some(Fault::new(format!("`{key}` {what}")).help(format!("leave `{key}` out")));
+        let of = |what: &str| Some(Fault::new(format!("`{key}` {what}")).help(format!("remove `{key}`")));
         match key {
             // `length_m` and `sigma_n_nt` are where the search starts.
             "sigma_se_nt" if self.hyperparameters == HyperparameterSource::Fitted => {
-                of("belongs to `hyperparameters = \"fixed\"`")
+                of("has no effect without `hyperparameters = \"fixed\"`")
             }
-            "decimal_year" if !self.core_field => of("has a say only with `core_field = true`"),
-            "fogm_tau_s" if self.fogm_sigma_nt == 0.0 => of("has no say with `fogm_sigma_nt = 0`"),
+            "decimal_year" if !self.core_field => of("has no effect without `core_field = true`"),
+            "fogm_tau_s" if self.fogm_sigma_nt == 0.0 => of("has no effect with `fogm_sigma_nt = 0`"),
             _ => None,
         }
     }

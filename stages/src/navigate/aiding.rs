@@ -1,4 +1,4 @@
-//! Positions from a GNSS receiver or a barometer, as a filter takes them.
+//! Aiding positions from a GNSS receiver.
 
 use std::sync::Arc;
 
@@ -13,66 +13,67 @@ use super::filter::{Flight, Flown};
 use crate::columns::{data, floats, role_of};
 
 params! {
-    /// Positions that aid a filter beside the magnetic field.
+    /// Positions by GNSS that aid a filter in addition to the magnetic field.
     pub struct Aiding;
-    /// When GNSS is lost and found again, in seconds from the first sample of the line: before and after, the position in
-    /// the columns of `gnss` aids the filter. `[0.0, 600.0]` is a flight whose GNSS comes after ten minutes; an end beyond
-    /// the line's is a loss for good.
+    /// Times of loss and recovery of GNSS, in s from the first sample of the line. Before the loss and after the
+    /// recovery, the position in the columns of `gnss` aids the filter. `[0.0, 600.0]` starts without GNSS and recovers
+    /// it after ten minutes. With an end after the line's end, GNSS is not recovered.
     gnss_lost_s: Option<[f64; 2]>, unit "s", absent "GNSS is not used", rule Rule::NotNegative;
-    /// Latitude, longitude and height above the ellipsoid by GNSS.
+    /// Columns of latitude, longitude (deg) and height above the ellipsoid (m) by GNSS.
     gnss: [String; 3], unit "", default ["lat", "lon", "alt"].map(str::to_owned);
-    /// Time from one position by GNSS to the next.
+    /// Time between two positions by GNSS.
     gnss_interval_s: f64, unit "s", default 1.0, rule Rule::Positive;
-    /// One sigma of the position by GNSS, north and east each.
+    /// Standard deviation of the position by GNSS, north and east each.
     gnss_sigma_m: f64, unit "m", default 2.0, rule Rule::Positive;
-    /// One sigma of the height by GNSS.
+    /// Standard deviation of the height by GNSS.
     gnss_alt_sigma_m: f64, unit "m", default 5.0, rule Rule::Positive;
-    /// Whether white noise of these sigmas is added to the positions, always the same of one line: the truth of a simulation has
-    /// none, and a filter that expects noise where there is none looks better than it is.
-    gnss_noise: Option<bool>, unit "", absent "true where `gnss` names columns of the role truth";
-    /// Whether each position is tested against the INS, alone (chi-square) and with those before it (cumulative sum). Rejected
-    /// positions are not used: a jump at once, a drift of 1 m/s after about 10 s, from its begin on. Positions are used again
-    /// once ten in a row agree with the INS. Appends `gnss_update` either way.
+    /// Adds white noise of these standard deviations to the positions, reproducibly for a line. The truth of a
+    /// simulation is free of noise; a filter that assumes noise where there is none appears better than it is.
+    gnss_noise: Option<bool>, unit "", absent "true if `gnss` names columns of the role truth";
+    /// Tests each position against the INS, alone (chi-square) and together with earlier positions (cumulative sum).
+    /// Rejected positions are not used. The test detects a jump at once and a drift of 1 m/s after about 10 s; a drift
+    /// is then rejected from its start. Positions are accepted again after ten consecutive positions agree with the
+    /// INS. `gnss_update` is appended in either case.
     gnss_test: bool, unit "", default true;
 }
 
 choice! {
-    /// The outcome for a position by GNSS.
+    /// Outcome for a position by GNSS.
     pub enum GnssUpdate {
-        /// It aided the filter.
+        /// Used by the filter.
         Used = "used",
-        /// The test rejected it, or its height.
+        /// Position or height rejected by the test.
         Rejected = "rejected",
-        /// There was none.
+        /// No position.
         None = "none",
     }
 }
 
 /// Positions by GNSS along a line.
 pub struct Gnss {
-    /// Those that passed the test.
+    /// Positions that passed the test.
     pub accepted: PositionFixes,
-    /// The outcome of each sample.
+    /// Outcome at each sample.
     updates: Vec<GnssUpdate>,
 }
 
 impl Gnss {
-    /// The column of [`Aiding::columns`].
+    /// Array of the column of [`Aiding::columns`].
     pub(super) fn array(&self) -> ArrayRef {
         Arc::new(self.updates.iter().map(|update| Some(update.word())).collect::<StringArray>())
     }
 }
 
-/// The column with the outcome for each position.
+/// Column with the outcome for each position.
 pub(crate) const GNSS_UPDATE: &str = "gnss_update";
 
 impl Aiding {
-    /// The columns that are read.
+    /// Columns that are read.
     pub(super) fn reads(&self, flight: &Flight) -> Result<Vec<String>, Vec<Fault>> {
         let Some([lost_s, found_s]) = self.gnss_lost_s else { return Ok(vec![]) };
         let mut faults = vec![];
         if lost_s > found_s {
-            let what = format!("GNSS is lost at {lost_s} s, after it is found at {found_s} s");
+            let what = format!("GNSS is lost at {lost_s} s but recovered earlier, at {found_s} s");
             faults.push(Fault::new(what).of_param("gnss_lost_s"));
         }
         for (column, unit) in self.gnss.iter().zip(["deg", "deg", "m"]) {
@@ -81,14 +82,14 @@ impl Aiding {
         if faults.is_empty() { Ok(self.gnss.to_vec()) } else { Err(faults) }
     }
 
-    /// Why a key has no say.
+    /// Fault of a key that has no effect.
     pub(super) fn idle(&self, key: &str) -> Option<Fault> {
         let of_gnss = ["gnss", "gnss_interval_s", "gnss_sigma_m", "gnss_alt_sigma_m", "gnss_noise", "gnss_test"];
         let idle = self.gnss_lost_s.is_none() && of_gnss.contains(&key);
-        idle.then(|| Fault::new(format!("`{key}` has no say without `gnss_lost_s`")))
+        idle.then(|| Fault::new(format!("`{key}` has no effect without `gnss_lost_s`")))
     }
 
-    /// The columns that it makes.
+    /// Columns that it makes.
     pub(super) fn columns(&self) -> Vec<Column> {
         let column = || Column::text(GNSS_UPDATE, "outcome for the position by GNSS: used, rejected or none");
         self.gnss_lost_s.map(|_| column()).into_iter().collect()
@@ -144,16 +145,16 @@ impl Aiding {
             }
         }
         if expected > 0 && found == 0 {
-            let what = format!("while GNSS is there, none of the {expected} samples has a position by it");
+            let what = format!("while GNSS is available, none of the {expected} samples has a position");
             return Err(Fault::data(what)
                 .in_column(&self.gnss[0])
-                .help("are these its columns? leave `gnss_lost_s` out"));
+                .help("set `gnss` to the columns of GNSS, or remove `gnss_lost_s`"));
         }
         Ok(Some(fixes))
     }
 }
 
-/// What two parts of a filter read, each column once.
+/// Union of the columns that two parts of a filter read.
 pub(super) fn both(
     one: Result<Vec<String>, Vec<Fault>>,
     other: Result<Vec<String>, Vec<Fault>>,

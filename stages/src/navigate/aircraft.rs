@@ -1,4 +1,4 @@
-//! The aircraft's own field as states of a filter: its terms, and what is known of their coefficients before the line.
+//! The aircraft field as states of a filter: its terms, and the prior of their coefficients.
 
 use std::borrow::Cow;
 
@@ -15,41 +15,43 @@ use crate::{
 };
 
 params! {
-    /// The linear model of the aircraft's field whose coefficients are estimated in flight.
+    /// Linear model of the aircraft field whose coefficients are estimated in flight.
     pub struct AircraftModel;
-    /// The list column of its terms, as `a_matrix` makes it.
+    /// List column of the terms, as made by `a_matrix`.
     terms: String, unit "", default "tl";
-    /// One sigma of a permanent coefficient before the line, about 0, where no `model` tells it.
+    /// Prior standard deviation of a permanent coefficient, about 0, unless `model` gives its prior.
     permanent_sigma_nt: f64, unit "nT", default 2000.0, rule Rule::Positive;
-    /// Of an induced coefficient.
+    /// Prior standard deviation of an induced coefficient, as for `permanent_sigma_nt`.
     induced_sigma_nt: f64, unit "nT", default 1000.0, rule Rule::Positive;
-    /// Of an eddy coefficient, whose term is the change of the field from sample to sample over its scale; it is multiplied by
-    /// the rate of the line.
+    /// Prior standard deviation of an eddy coefficient. Its term is the change of the field from sample to sample
+    /// divided by the scale. The value is multiplied by the sample rate of the line.
     eddy_sigma_nt_s: f64, unit "nT s", default 500.0, rule Rule::Positive;
-    /// Of the constant `bias`.
+    /// Prior standard deviation of the constant `bias`.
     bias_sigma_nt: f64, unit "nT", default 500.0, rule Rule::Positive;
-    /// Of any other term, such as a current, by its unit: a loop in the same cabin makes some nT of an ampere.
+    /// Prior standard deviation of any other term, such as a current, in nT per unit of its column. A loop in the same
+    /// cabin causes a few nT per ampere.
     input_sigma_nt: f64, unit "nT", default 20.0, rule Rule::Positive;
-    /// One sigma of each harmonic of the magnetometer's heading error: the first, second and fourth of the angle between
-    /// its axis and the field, `heading_1`, `heading_2` and `heading_4`. Needs `vector`.
-    heading_error_sigma_nt: Option<f64>, unit "nT", absent "it is taken to have none", rule Rule::Positive;
-    /// Factor on the one sigma of the calibrations under `model`. Of one calibration it is that of its fit,
-    /// of several their scatter. Coefficients of differences per sample are converted from the rate of the fit to that of the
-    /// line; slower than about 5 Hz the differences themselves miss much of a manoeuvre: (2 pi f / rate)^2 / 6 of a change at
-    /// the frequency f.
+    /// Prior standard deviation of each harmonic of the magnetometer's heading error: the first, second and fourth
+    /// harmonic of the angle between its axis and the field, `heading_1`, `heading_2` and `heading_4`. Requires
+    /// `vector`.
+    heading_error_sigma_nt: Option<f64>, unit "nT", absent "the heading error is not estimated", rule Rule::Positive;
+    /// Factor on the standard deviations of the calibrations under `model`. With one calibration they are those of its
+    /// fit, with several the scatter between them. Coefficients of differences per sample are converted from the rate
+    /// of the fit to that of the line. Below about 5 Hz the differences are inaccurate in manoeuvres: they lack the
+    /// fraction (2 pi f / rate)^2 / 6 of a change at frequency f.
     prior_factor: f64, unit "1", default 1.0, rule Rule::Positive;
 }
 
-/// The terms of a line.
+/// Terms of a line.
 pub(super) struct Terms<'a> {
     pub(super) names: Vec<String>,
-    /// Row-major, a row a sample.
+    /// Row-major, one row per sample.
     pub(super) values: Cow<'a, [f64]>,
-    /// Which of them depend on the sample rate, and that rate.
+    /// Terms that depend on the sample rate, and that rate.
     pub(super) sampling: Sampling,
 }
 
-/// The harmonics of the heading error of an optically pumped magnetometer.
+/// Harmonics of the heading error of an optically pumped magnetometer.
 const HEADING: [(&str, u32); 3] = [("heading_1", 1), ("heading_2", 2), ("heading_4", 4)];
 
 /// cos kθ for each of the harmonics.
@@ -59,19 +61,22 @@ fn heading_terms(cosine: f64) -> impl Iterator<Item = f64> {
 }
 
 impl AircraftModel {
-    /// The columns that are read.
+    /// Columns that are read.
     pub(super) fn reads(&self, flight: &Flight) -> Result<Vec<String>, Vec<Fault>> {
         let column = flight.shape.need(&self.terms).map_err(|fault| vec![fault.of_param("terms")])?;
         let ColumnType::List(names) = &column.column_type else {
-            let what = format!("`{}` is no list of terms", self.terms);
-            return Err(vec![Fault::new(what).of_param("terms").help("name the column of an `a_matrix`")]);
+            let what = format!("`{}` is not a list of terms", self.terms);
+            return Err(vec![
+                Fault::new(what).of_param("terms").help("set `terms` to the list column of an `a_matrix`"),
+            ]);
         };
         check_sources(names).map_err(|e| vec![Fault::new(e.to_string()).of_param("terms")])?;
         if self.heading_error_sigma_nt.is_some() && !flight.has_direction {
-            let what = "a heading error needs the direction of the field: `vector`, the name of a vector magnetometer";
+            let what =
+                "`heading_error_sigma_nt` requires the direction of the field: set `vector` to a vector magnetometer";
             return Err(vec![Fault::new(what).of_param("heading_error_sigma_nt")]);
         }
-        let key = ("heading_error_sigma_nt", "leave `heading_error_sigma_nt` out");
+        let key = ("heading_error_sigma_nt", "remove `heading_error_sigma_nt`");
         let asked = Some(self.heading_error_sigma_nt.is_some());
         if let Some(fault) = twice(flight.shape, flight.mags, Correction::Heading, asked, key) {
             return Err(vec![fault]);
@@ -95,7 +100,7 @@ impl AircraftModel {
     /// The prior of the coefficients of a line's terms.
     ///
     /// # Errors
-    /// When no term is the model's, or one has no equivalent at the rate of the line.
+    /// When the model has none of the terms, or a term has no equivalent at the rate of the line.
     pub(super) fn prior(&self, terms: &Terms, models: &[Calibration]) -> Result<CoefficientPrior, Fault> {
         let names = &terms.names;
         let cold: Vec<f64> = names.iter().map(|name| self.cold_sigma_nt(name, &terms.sampling)).collect();
@@ -106,7 +111,7 @@ impl AircraftModel {
             .collect();
         if !models.is_empty() && known.is_empty() {
             let what = format!("the model has none of the terms of `{}`", self.terms);
-            return Err(Fault::data(what).help("fit it on the same terms").of_param("model"));
+            return Err(Fault::data(what).help("fit the model on the same terms").of_param("model"));
         }
         let of = |model: &Calibration| -> Result<(Vec<f64>, Vec<f64>), Fault> {
             let own = known.iter().filter_map(|i| Some((&names[*i], model.term(&names[*i])?)));
@@ -135,8 +140,8 @@ impl AircraftModel {
         Ok(prior)
     }
 
-    /// One sigma of a coefficient of which nothing is known, by the family of its name: `x`, `xy`, `xy_dot`, also behind
-    /// the `TL_A_flux_a_` of `features`.
+    /// Prior standard deviation of a coefficient without a calibration, by the family of its name: `x`, `xy`, `xy_dot`,
+    /// also after the prefix `TL_A_flux_a_` of `features`.
     fn cold_sigma_nt(&self, term: &str, sampling: &Sampling) -> f64 {
         if let Some(sigma_nt) = self.heading_error_sigma_nt
             && HEADING.iter().any(|(name, _)| *name == term)
@@ -162,11 +167,11 @@ impl AircraftModel {
     }
 }
 
-/// Why a filter of several magnetometers takes no model: which one it is of is not told.
+/// Rejects models with several magnetometers: it is unknown which of them a model belongs to.
 pub(super) fn one_with_models(flown: &Flown) -> Result<(), Fault> {
     if flown.magnetometers.len() > 1 && !flown.models.is_empty() {
-        let what = "a calibration is of one magnetometer, and `mag` names several";
-        return Err(Fault::data(what).help("leave `model` out, or navigate with one magnetometer").of_param("model"));
+        let what = "`model` requires a single magnetometer, but `mag` names several";
+        return Err(Fault::data(what).help("remove `model`, or set `mag` to one magnetometer").of_param("model"));
     }
     Ok(())
 }

@@ -15,27 +15,27 @@ use super::filter::{Flight, Flown, NavigationFilter, Track, filter, state_column
 use super::further::{Further, updates};
 use crate::columns::{array, data, floats, list};
 
-/// The column of the bound.
+/// Column of the bound.
 pub(crate) const DRMS_BOUND: &str = "drms_bound";
 
-/// The truth that it reads of the flight, beside what every filter is handed.
+/// Truth columns that it reads in addition to the inputs of every filter.
 const TRUTH: [(&str, &str); 3] = [("lat", "deg"), ("lon", "deg"), ("alt", "m")];
 
 filter! {
-    /// The Cramér-Rao bound: how good any filter with these models could be on this flight. It reads the truth (`lat`,
-    /// `lon`, `alt`), evaluates the filter's covariance there, and needs no estimate. Beside another filter's track it
-    /// tells whether an error is the filter's or the flight's.
+    /// The Cramér-Rao bound: the smallest error of any filter with these models on this flight. It reads the truth
+    /// (`lat`, `lon`, `alt`) and evaluates the filter's covariance there. Compared with the track of a filter, it shows
+    /// whether an error is due to the filter or to the flight.
     ///
-    /// It has no estimate: its positions are the truth, `score` gives no error for them, and its `sd_n`, `sd_e` and
-    /// `drms_bound` are the bound. The metric `drms_bound` is the bound over the line, which is never the best point.
-    /// `residual` is the measurement minus the field at the truth, and `nis` its square over the variance that the
-    /// noise keys give it: its mean says whether they are those of the data. `vn`, `ve`, `vd` are the INS's.
+    /// It has no estimate. Its positions are the truth, `score` gives no error for them, and its `sd_n`, `sd_e` and
+    /// `drms_bound` are the bound. The metric `drms_bound` is the bound over the line; it is never the best point.
+    /// `residual` is the measurement minus the field at the truth. `nis` is its square divided by its variance under
+    /// the assumed noise; a mean of 1 confirms the assumed noise. `vn`, `ve` and `vd` are those of the INS.
     ///
-    /// Source: Tichavský, Muravchik & Nehorai 1998; MagNav.jl's `crlb`, with which it agrees to 8 digits.
+    /// Source: Tichavský, Muravchik & Nehorai 1998; MagNav.jl's `crlb`, which agrees to 8 digits.
     Crlb = "crlb", version 2, groups [aiding: Aiding, further: Further], example "discretisation = \"trapezoidal\"";
-    /// How the process noise becomes a step's covariance: to second order, to first order as MagNav.jl, or exactly.
+    /// Discretisation of the process noise: to second order, to first order as in MagNav.jl, or exact.
     discretisation: NoiseDiscretisation, unit "", default NoiseDiscretisation::Trapezoidal;
-    /// Append the covariance `p` (row-major).
+    /// Appends the covariance `p` (row-major).
     save_state: bool, unit "", default false;
 }
 
@@ -56,7 +56,7 @@ impl NavigationFilter for Crlb {
     }
 
     fn columns(&self, _: &Flight) -> Vec<Column> {
-        let bound = Column::float(DRMS_BOUND, "m", "least root mean square horizontal error of any filter");
+        let bound = Column::float(DRMS_BOUND, "m", "Cramér-Rao bound of the horizontal error (drms)");
         // There is no state.
         let state = state_columns().into_iter().filter(|column| self.save_state && column.name == "p");
         [bound].into_iter().chain(state).chain(self.further.columns()).collect()
@@ -67,7 +67,7 @@ impl NavigationFilter for Crlb {
     }
 
     fn idle(&self, key: &str) -> Option<Fault> {
-        let what = "the bound knows the map, so that no sample is too flat";
+        let what = "`flat_over_m` has no effect on the bound, which uses every sample";
         (key == "flat_over_m")
             .then(|| Fault::new(what).of_param(key))
             .or_else(|| self.aiding.idle(key))

@@ -16,16 +16,17 @@ use super::further::Further;
 use crate::columns::data;
 
 filter! {
-    /// The 18-state extended Kalman filter: position, velocity, tilt, accelerometer and gyro biases, the barometer loop, and
-    /// the temporal variation. The map is linearised at the estimated position of each sample.
+    /// The 18-state extended Kalman filter: position, velocity, tilt, accelerometer and gyro biases, barometer loop,
+    /// and temporal variation. The map is linearised at the estimated position of each sample.
     ///
-    /// Source: thesis 000, section 5.3, with F and H checked against finite differences and the process noise discretised.
+    /// Source: Gnadt 2022, section 5.3, with F and H verified by finite differences and the process noise discretised.
     Ekf = "ekf", version 3, groups [aiding: Aiding, further: Further], example "discretisation = \"trapezoidal\"";
-    /// Append the state `x` and its covariance `p` (row-major).
+    /// Appends the state `x` and its covariance `p` (row-major).
     save_state: bool, unit "", default false;
-    /// A measurement whose squared innovation over its variance is above this is not used.
-    gate_nis: Option<f64>, unit "1", absent "outliers are rejected before the filter, or none with `tuning = \"magnav\"`", rule Rule::Positive;
-    /// How the process noise becomes a step's covariance: to second order, to first order as MagNav.jl, or exactly.
+    /// Largest NIS (squared innovation over its variance) of a measurement. Larger ones are rejected.
+    gate_nis: Option<f64>, unit "1",
+        absent "no gate; `tuning = \"auto\"` rejects outliers before the filter", rule Rule::Positive;
+    /// Discretisation of the process noise: to second order, to first order as in MagNav.jl, or exact.
     discretisation: NoiseDiscretisation, unit "", default NoiseDiscretisation::Trapezoidal;
 }
 
@@ -65,7 +66,7 @@ impl NavigationFilter for Ekf {
     }
 
     fn navigate_points(points: &[(&Self, &Flown)]) -> Vec<Result<Track, Fault>> {
-        // A point with further measurements is filtered by itself.
+        // A point with further measurements is filtered alone.
         let usual: Vec<(&Self, &Flown)> =
             points.iter().filter(|(filter, _)| !filter.further.is_any()).copied().collect();
         let mut together = Self::together(&usual).into_iter();
@@ -78,7 +79,7 @@ impl NavigationFilter for Ekf {
 }
 
 impl Ekf {
-    /// The points without further measurements.
+    /// Filters the points without further measurements together.
     fn together(points: &[(&Self, &Flown)]) -> Vec<Result<Track, Fault>> {
         let Some((_, first)) = points.first() else { return vec![] };
         let parameters: Vec<EkfParameters> = points.iter().map(|(filter, flown)| filter.parameters(flown)).collect();
@@ -99,7 +100,7 @@ impl Ekf {
         points.iter().zip(asked).map(answer).collect()
     }
 
-    /// The point with its further measurements.
+    /// Filters one point with its further measurements.
     fn alone(&self, flown: &Flown) -> Result<Track, Fault> {
         let line = NavigationLine { fixes: flown.fixes(), ..flown.line_with(self.discretisation)? };
         let parameters = AidedParameters {

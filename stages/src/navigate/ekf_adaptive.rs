@@ -1,4 +1,4 @@
-//! The extended Kalman filter with noise that it learns from its own innovations.
+//! The extended Kalman filter that estimates its noise from its innovations.
 
 use arrow_array::ArrayRef;
 use numerics::navigation::{
@@ -15,46 +15,50 @@ use super::filter::{Flight, Flown, NavigationFilter, Track, enough, filter, stat
 use super::further::{Further, updates};
 use crate::columns::{array, data};
 
-/// The bounds of the learnt noise where they are not given, as factors of the expected one.
+/// Default bounds of the estimated noise, as factors of the assumed noise.
 const LEAST: f64 = 1.0 / 20.0;
 const LARGEST: f64 = 20.0;
 
 filter! {
-    /// The extended Kalman filter of `ekf` that learns the noise of its measurement, so that its innovations are as
-    /// large as it says. It is for a measurement whose noise is unknown or changes: a filter told a noise ten times too
-    /// small or too large loses more than half of its accuracy, one that learns it a few percent. Where the noise is
-    /// known, `ekf` is simpler and no worse. The bounds matter: noise is told from map errors within them only.
+    /// The extended Kalman filter of `ekf` that estimates its measurement noise from its innovations. Use it for a
+    /// measurement whose noise is unknown or changes. With an assumed noise ten times too small or too large, a filter
+    /// loses more than half of its accuracy; an adaptive filter loses a few percent. If the noise is known, `ekf` is
+    /// simpler and as accurate. The filter distinguishes noise from map errors only within the bounds.
     ///
-    /// `sigma_adapted` is the noise that the measurement of the sample was taken to have. It starts at
-    /// `measurement_sigma_nt` and is of the window before the sample. Of several magnetometers each has its own,
-    /// `sigma_adapted_<mag>`, and one whose noise grows loses its weight.
+    /// `sigma_adapted` is the assumed noise of the sample's measurement. It starts at `measurement_sigma_nt` and is
+    /// estimated from the window before the sample. With several magnetometers each has its own, `sigma_adapted_<mag>`;
+    /// a magnetometer whose noise increases loses weight.
     ///
-    /// With `noise_column`, the noise that a network or an ensemble expects of each sample, the factor is learnt that all of it is
-    /// wrong by, and its course over time is believed. Where the position is known less well than the measurement, at a wide start
-    /// or just after noise has ended, innovations tell little of the noise, and the default form moves it little; the others take it
-    /// to one of the bounds.
+    /// With `noise_column`, the predicted noise of each sample by a network or an ensemble, the filter estimates one
+    /// scale factor and keeps the predicted variation over time. If the position is less accurate than the measurement,
+    /// at a wide start or just after a period of noise, innovations contain little information on the noise. The
+    /// default form then changes the noise little; the others drive it to one of the bounds.
     ///
-    /// Source: thesis 000, (5.46)-(5.49) and section 5.9.3; Mehra 1972; Mohamed & Schwarz 1999.
+    /// Source: Gnadt 2022, (5.46)-(5.49) and section 5.9.3; Mehra 1972; Mohamed & Schwarz 1999.
     EkfAdaptive = "ekf_adaptive", version 2, groups [aiding: Aiding, further: Further], example "window = 50";
-    /// Which noise is learnt: of the measurement (`"r"`), of the process (`"q"`), or both.
+    /// Estimated noise: of the measurement (`"r"`), of the process (`"q"`), or both.
     adapt: Adapt, unit "", default Adapt::R;
-    /// How many innovations are looked back on. With 50 the noise is known to 10 %. With 10, as MagNav.jl, it is known to 20 %, and by
-    /// the forms `"matched"` and `"compatible"` near 0 now and then: the filter believes far too much then, unless `sigma_min_nt`
-    /// is near the truth.
+    /// Number of past innovations in the estimate. With 50 the noise is accurate to 10 %, with 10, as in MagNav.jl, to
+    /// 20 %. With 10 the forms `"matched"` and `"compatible"` occasionally estimate a noise near 0. The filter is then
+    /// far overconfident unless `sigma_min_nt` is near the true noise.
     window: usize, unit "1", default 50usize, rule Rule::Between(2.0, 1e6);
-    /// The least noise that is learnt.
-    sigma_min_nt: Option<f64>, unit "nT", absent "a twentieth of `measurement_sigma_nt`, or the smallest expected noise with `noise_column`", rule Rule::Positive;
-    /// The largest noise that is learnt.
-    sigma_max_nt: Option<f64>, unit "nT", absent "20 times `measurement_sigma_nt`, or 20 times the largest expected noise with `noise_column`", rule Rule::Positive;
-    /// How the innovations are matched: by what the correction leaves of each (`"residual"`), each less the covariance of its
-    /// own time (`"matched"`, the default of version 1), or as MagNav.jl, which starts at the mean of the bounds and takes the
-    /// present covariance off all (`"compatible"`).
+    /// Lower bound of the estimated noise.
+    sigma_min_nt: Option<f64>, unit "nT",
+        absent "a twentieth of `measurement_sigma_nt`, or with `noise_column` the smallest assumed noise", rule Rule::Positive;
+    /// Upper bound of the estimated noise.
+    sigma_max_nt: Option<f64>, unit "nT",
+        absent "20 times `measurement_sigma_nt`, or with `noise_column` 20 times the largest assumed noise", rule Rule::Positive;
+    /// Estimator of the noise. `"residual"` uses the a posteriori residual of each measurement. `"matched"`, the
+    /// default of version 1, subtracts from each squared innovation the predicted covariance of its time.
+    /// `"compatible"`, as in MagNav.jl, starts at the mean of the bounds and subtracts the present covariance from all.
     form: AdaptiveForm, unit "", default AdaptiveForm::Residual;
-    /// A measurement whose squared innovation over its variance is above this is not used, but learnt from.
-    gate_nis: Option<f64>, unit "1", absent "outliers are rejected before the filter, or none with `tuning = \"magnav\"`", rule Rule::Positive;
-    /// How the process noise becomes a step's covariance: to second order, to first order as MagNav.jl, or exactly.
+    /// Largest NIS (squared innovation over its variance) of a measurement. Larger ones are rejected, but used to
+    /// estimate the noise.
+    gate_nis: Option<f64>, unit "1",
+        absent "no gate; `tuning = \"auto\"` rejects outliers before the filter", rule Rule::Positive;
+    /// Discretisation of the process noise: to second order, to first order as in MagNav.jl, or exact.
     discretisation: NoiseDiscretisation, unit "", default NoiseDiscretisation::Trapezoidal;
-    /// Append the state `x` and its covariance `p` (row-major).
+    /// Appends the state `x` and its covariance `p` (row-major).
     save_state: bool, unit "", default false;
 }
 
@@ -77,13 +81,17 @@ impl NavigationFilter for EkfAdaptive {
     }
 
     fn columns(&self, flight: &Flight) -> Vec<Column> {
-        let what = "noise that the measurement was taken to have; NaN without one";
+        let what = "assumed noise of the measurement; NaN without a measurement";
         let names = flight.mags.iter().map(|mag| match flight.mags {
             [_] => "sigma_adapted".to_owned(),
             _ => format!("sigma_adapted_{mag}"),
         });
         let mut columns: Vec<Column> = names.map(|name| Column::float(name, "nT", what)).collect();
-        columns.push(Column::float("given_back", "1", "share of the correction that is given back as process noise"));
+        columns.push(Column::float(
+            "given_back",
+            "1",
+            "fraction of the measurement update that is returned as process noise",
+        ));
         if self.save_state {
             columns.extend(state_columns());
         }
@@ -98,7 +106,7 @@ impl NavigationFilter for EkfAdaptive {
     fn idle(&self, key: &str) -> Option<Fault> {
         let bounds_r = ["sigma_min_nt", "sigma_max_nt", "form"].contains(&key);
         let idle = (bounds_r && self.adapt == Adapt::Q)
-            .then(|| Fault::new(format!("`{key}` is of the measurement noise, which `adapt = \"q\"` does not learn")));
+            .then(|| Fault::new(format!("`{key}` has no effect with `adapt = \"q\"`")));
         idle.or_else(|| self.aiding.idle(key)).or_else(|| self.further.idle(key))
     }
 
@@ -149,7 +157,7 @@ impl NavigationFilter for EkfAdaptive {
 }
 
 impl EkfAdaptive {
-    /// What was learnt, and the states where they are asked for.
+    /// Estimated noise, and the states if they are requested.
     fn more(
         &self,
         magnetometers: Vec<Adapted>,
@@ -211,7 +219,7 @@ mod tests {
 
     #[test]
     fn unit_bounds_belong_to_the_measurement_noise() {
-        assert_refused("ekf_adaptive", "adapt = 'q'\nsigma_min_nt = 1.0", "does not learn");
+        assert_refused("ekf_adaptive", "adapt = 'q'\nsigma_min_nt = 1.0", "no effect with");
         let fault = flown("ekf_adaptive", "sigma_min_nt = 5.0\nsigma_max_nt = 1.0\nmag = 'mag_1_c'", &flight());
         assert!(fault.unwrap_err().what.contains("sigma_max_nt"));
     }

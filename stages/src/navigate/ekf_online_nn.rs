@@ -1,4 +1,4 @@
-//! The extended Kalman filter that trains a small network of the aircraft's field in flight.
+//! The extended Kalman filter that trains a small network of the aircraft field in flight.
 
 use std::borrow::Cow;
 
@@ -22,58 +22,59 @@ use crate::{
 };
 
 filter! {
-    /// The 18-state extended Kalman filter with the weights of a network as further states: one hidden layer, whose
-    /// output is the aircraft's field at the magnetometer. The measurement is not compensated beforehand. It is for
-    /// fields that are not linear in what is known of them, such as those of switched currents; where they are,
-    /// `ekf_online_tl` knows more.
+    /// The 18-state extended Kalman filter with the weights of a network as further states. The network has one hidden
+    /// layer; its output is the aircraft field at the magnetometer. The measurement is uncompensated. Use it for
+    /// aircraft fields that are nonlinear in the features, such as those of switched currents. For linear aircraft
+    /// fields `ekf_online_tl` is more accurate.
     ///
-    /// The weights are first trained on the part of the line before GNSS is lost, `gnss_lost_s`, which has to be given:
-    /// there the aircraft's field is the measurement less the field of map and core field at the position by GNSS. The
-    /// training is recursive least squares. Meanwhile GNSS aids the INS, and the measurement is `missing`, so that it is
-    /// not used twice. Afterwards its noise is what the network misses of the training, where that is more than
-    /// `measurement_sigma_nt`. The network learns a constant too, so that `offset_window_s` is not looked at.
+    /// The weights are first trained on the part of the line before GNSS is lost; `gnss_lost_s` is required. There the
+    /// aircraft field is the measurement minus the map and the core field at the position by GNSS. The training is
+    /// recursive least squares. During training GNSS aids the INS, and the measurement is `missing` so that it is not
+    /// used twice. Afterwards the measurement noise is the residual of the training, if it exceeds
+    /// `measurement_sigma_nt`. The network also estimates a constant, so `offset_window_s` is ignored.
     ///
-    /// With a `model`, the table of a fit of `m1` with one hidden layer to the aircraft's field (targets `c` and `d`), the
-    /// weights begin as those of that network, whose units and activation `hidden` and `activation` have to say. The
-    /// recursion then finds their covariance, and what has changed since. Features that are differences per sample are
+    /// `model` is the table of a fit of `m1` with one hidden layer to the aircraft field (targets `c` and `d`). With it
+    /// the weights start from that network, and `hidden` and `activation` must equal its units and activation. The
+    /// recursion then estimates their covariance and later changes. Features that are differences per sample are
     /// converted to the rate of that fit.
     ///
-    /// A scalar magnetometer among the features is refused: the filter would subtract what it navigates by. `aircraft` is
-    /// the field of the aircraft by the weights of the sample. The covariance of the weights does not know what the network
-    /// cannot represent, so that the filter is too sure of itself where the training did not show what the line then does.
+    /// A scalar magnetometer among the features is rejected: the filter would subtract its own measurement. `aircraft`
+    /// is the aircraft field for the weights of the sample. The covariance of the weights excludes the modelling error
+    /// of the network. The filter is therefore overconfident in conditions that the training did not include.
     ///
-    /// Source: thesis 000, section 5.6, with the regressor ∂m/∂w in (5.44) and (5.45).
+    /// Source: Gnadt 2022, section 5.6, with the regressor ∂m/∂w in (5.44) and (5.45).
     EkfOnlineNn = "ekf_online_nn", version 1, groups [aiding: Aiding, further: Further], example r#"features = "tl"
 gnss_lost_s = [20.0, 1e6]"#;
-    /// The list column of the network's inputs, as `features` or `a_matrix` makes it.
+    /// List column of the network's inputs, as made by `features` or `a_matrix`.
     features: String, unit "", default "features";
-    /// Units of the hidden layer.
+    /// Number of units in the hidden layer.
     hidden: usize, unit "1", default 8usize, rule Rule::Between(1.0, 64.0);
-    /// What a hidden unit makes of its sum.
+    /// Activation function.
     activation: Activation, unit "", default Activation::Swish;
-    /// The seed of the first weights.
+    /// Seed of the initial weights.
     seed: usize, unit "", default 0usize;
-    /// How often the training goes through its samples.
+    /// Number of passes of the training over its samples.
     passes: usize, unit "1", default 10usize, rule Rule::Between(1.0, 1000.0);
-    /// The time in which the weights are expected to change by as much as the training leaves unknown.
+    /// Time in which the weights are expected to change by their standard deviation after training.
     memory_s: f64, unit "s", default 3600.0, rule Rule::Positive;
-    /// A measurement whose squared innovation over its variance is above this is not used.
-    gate_nis: Option<f64>, unit "1", absent "outliers are rejected before the filter, or none with `tuning = \"magnav\"`", rule Rule::Positive;
-    /// How the process noise becomes a step's covariance: to second order, to first order as MagNav.jl, or exactly.
+    /// Largest NIS (squared innovation over its variance) of a measurement. Larger ones are rejected.
+    gate_nis: Option<f64>, unit "1",
+        absent "no gate; `tuning = \"auto\"` rejects outliers before the filter", rule Rule::Positive;
+    /// Discretisation of the process noise: to second order, to first order as in MagNav.jl, or exact.
     discretisation: NoiseDiscretisation, unit "", default NoiseDiscretisation::Trapezoidal;
-    /// Append the weights of every sample: those of the inputs by hidden unit, the units' biases, the output's weights, its
-    /// bias.
+    /// Appends the weights at each sample: weights of the inputs by hidden unit, biases of the units, weights of the
+    /// output, bias of the output.
     save_weights: bool, unit "", default false;
 }
 
-/// The inputs of a network.
+/// Inputs of a network.
 fn inputs(flight: &Flight, column: &str) -> Result<Vec<String>, Vec<Fault>> {
     let found = flight.shape.need(column).map_err(|fault| vec![fault.of_param("features")])?;
     match &found.column_type {
         ColumnType::List(names) => Ok(names.clone()),
         _ => {
-            let what = format!("`{column}` is no list of features");
-            let help = "name the column of a `features` or an `a_matrix`";
+            let what = format!("`{column}` is not a list of features");
+            let help = "set `features` to the list column of a `features` or an `a_matrix`";
             Err(vec![Fault::new(what).of_param("features").help(help)])
         }
     }
@@ -92,8 +93,9 @@ impl NavigationFilter for EkfOnlineNn {
         let features = match self.aiding.gnss_lost_s {
             Some([lost_s, _]) if lost_s > 0.0 => features,
             Some(_) | None => {
-                let what = "the network is trained while there is GNSS, and `gnss_lost_s` does not say until when";
-                let fault = Fault::new(what).of_param("gnss_lost_s").help("for example `gnss_lost_s = [600.0, 1e6]`");
+                let what = "the network is trained until GNSS is lost, but `gnss_lost_s` is unset";
+                let fault =
+                    Fault::new(what).of_param("gnss_lost_s").help("set `gnss_lost_s`, for example to `[600.0, 1e6]`");
                 both(features, Err(vec![fault]))
             }
         };
@@ -106,7 +108,7 @@ impl NavigationFilter for EkfOnlineNn {
     }
 
     fn columns(&self, flight: &Flight) -> Vec<Column> {
-        let mut columns = vec![Column::float("aircraft", "nT", "field of the aircraft by the weights of the sample")];
+        let mut columns = vec![Column::float("aircraft", "nT", "aircraft field for the weights of the sample")];
         if self.save_weights {
             let inputs = inputs(flight, &self.features).unwrap_or_default();
             let unit = |of: &str| (1..=self.hidden).map(|unit| format!("{of}_{unit}")).collect::<Vec<_>>();
@@ -173,7 +175,7 @@ impl NavigationFilter for EkfOnlineNn {
 }
 
 impl EkfOnlineNn {
-    /// The features of the line, row-major, with their names: at the rate of the model that the weights begin with.
+    /// Features of the line, row-major, with their names, at the rate of the model that gives the initial weights.
     fn features<'a>(&self, flown: &'a Flown) -> Result<(Cow<'a, [f64]>, Vec<String>), Fault> {
         let (features, names) = matrix(flown.columns, &self.features)?;
         let Some(model) = flown.models.first() else { return Ok((Cow::Borrowed(features), names)) };
@@ -186,7 +188,7 @@ impl EkfOnlineNn {
         Ok((features.iter().zip(factors.iter().cycle()).map(|(x, factor)| x * factor).collect(), names))
     }
 
-    /// The network, its weights before the loss of GNSS, and the number of samples until then.
+    /// Trains the network. Returns it, its weights at the loss of GNSS, and the number of samples before the loss.
     fn train(
         &self,
         flown: &Flown,
@@ -201,10 +203,10 @@ impl EkfOnlineNn {
         let known: Vec<f64> = aircraft_nt.iter().copied().filter(|nt| nt.is_finite()).collect();
         if known.len() < 4 {
             let what = format!(
-                "before GNSS is lost, {} samples have a measurement, a position and a map value: too few to train on",
+                "before GNSS is lost, {} samples have a measurement, a position and a map value: too few for training",
                 known.len()
             );
-            return Err(Fault::data(what).help("does the map cover them, and is `gnss_lost_s` long enough?"));
+            return Err(Fault::data(what).help("check that the map covers them, or begin `gnss_lost_s` later"));
         }
         let width = features.len() / tt_s.len();
         let first = &features[..training * width];
@@ -217,7 +219,10 @@ impl EkfOnlineNn {
                 let (network, start) = from_model(model, names, self.hidden, self.activation)?;
                 (network, Some(start))
             }
-            _ => return Err(Fault::new("the filter `ekf_online_nn` begins with one trained network").of_param("model")),
+            _ => {
+                return Err(Fault::new("the filter `ekf_online_nn` requires a single trained network under `model`")
+                    .of_param("model"));
+            }
         };
         let parameters = TrainingParameters {
             seed: self.seed as u64,
@@ -231,7 +236,7 @@ impl EkfOnlineNn {
     }
 }
 
-/// The network of a trained model for the features `names`, and its weights; `hidden` and `activation` are those of the spec.
+/// Network of a trained model for the features `names`, and its weights. `hidden` and `activation` come from the spec.
 fn from_model(
     model: &Fitted,
     names: &[String],
@@ -240,21 +245,24 @@ fn from_model(
 ) -> Result<(Network, Vec<f64>), Fault> {
     let learned = Learned::read(&model.terms, &model.values_nt)?;
     let Some(Learned::Network(trained)) = learned else {
-        let what = "the model is no network";
-        return Err(Fault::data(what).of_param("model").help("name the table of a fit with `model = \"m1\"`"));
+        let what = "the model is not a network";
+        return Err(Fault::data(what)
+            .of_param("model")
+            .help("set `model` to the table of a fit with `model = \"m1\"`"));
     };
     let layer = trained.one_layer()?;
     let wrong = |what: String, key: &'static str| Fault::data(what).of_param(key);
     if layer.b.len() != hidden {
-        let what = format!("the trained network has {} hidden units: say `hidden = {0}`", layer.b.len());
+        let what = format!("the trained network has {} hidden units: set `hidden = {0}`", layer.b.len());
         return Err(wrong(what, "hidden"));
     }
     if layer.activation.word() != activation.word() {
-        let what = format!("the hidden units of the trained network are `{}`", layer.activation.word());
+        let what =
+            format!("the trained network has the activation `{}`: set `activation` to it", layer.activation.word());
         return Err(wrong(what, "activation"));
     }
     if let Some(name) = layer.names.iter().find(|name| !names.contains(name)) {
-        let what = format!("the trained network has the input `{name}`, which is not among the features");
+        let what = format!("the trained network has the input `{name}`, which is not in the features");
         return Err(wrong(what, "features"));
     }
     // A feature that the training found constant has no weight.
@@ -272,7 +280,7 @@ fn from_model(
     Ok((network.map_err(data)?, weights))
 }
 
-/// The measurement less the field at the position by GNSS, in nT, a value a sample; NaN without either.
+/// Measurement minus the field at the position by GNSS, in nT, one value per sample; NaN without either.
 fn aircraft_field(line: &NavigationLine, fixes: &PositionFixes, rows: usize) -> Vec<f64> {
     let (ins, mut field) = (line.ins, line.predicted());
     let of = |row: usize| {
@@ -338,10 +346,10 @@ mod tests {
         let both = ["a", "b"];
         assert_eq!(
             why(&table, &both, 8, Activation::Swish),
-            "the trained network has 3 hidden units: say `hidden = 3`"
+            "the trained network has 3 hidden units: set `hidden = 3`"
         );
-        assert!(why(&table, &both, 3, Activation::Tanh).contains("are `swish`"));
-        assert!(why(&table, &["a"], 3, Activation::Swish).contains("the input `b`, which is not among the features"));
+        assert!(why(&table, &both, 3, Activation::Tanh).contains("activation `swish`"));
+        assert!(why(&table, &["a"], 3, Activation::Swish).contains("the input `b`, which is not in the features"));
         assert!(why(&model(2).1, &both, 3, Activation::Swish).contains("is the mean of several networks"));
         let (terms, one) = (named(&["x"]), vec![1.0]);
         let linear = Fitted { terms, values_nt: one.clone(), sigmas_nt: one, rate_hz: None };
@@ -364,12 +372,12 @@ mod tests {
 
     #[test]
     fn unit_what_is_missing_is_told() {
-        assert_refused("ekf_online_nn", "features = 'tl'", "`gnss_lost_s` does not say until when");
-        assert_refused("ekf_online_nn", "features = 'tl'\ngnss_lost_s = [0.0, 100.0]", "does not say until when");
-        assert_refused("ekf_online_nn", "features = 'tt'\ngnss_lost_s = [100.0, 1e6]", "no list of features");
+        assert_refused("ekf_online_nn", "features = 'tl'", "`gnss_lost_s` is unset");
+        assert_refused("ekf_online_nn", "features = 'tl'\ngnss_lost_s = [0.0, 100.0]", "`gnss_lost_s` is unset");
+        assert_refused("ekf_online_nn", "features = 'tt'\ngnss_lost_s = [100.0, 1e6]", "not a list of features");
         let constant = "mag = 'mag_1_uc'\nfeatures = 'tl'\ngnss_lost_s = [300.0, 1e6]";
         assert!(flown("ekf_online_nn", constant, &flight()).unwrap_err().what.contains("constant"));
         let short = "mag = 'mag_1_uc'\nfeatures = 'attitude'\ngnss_lost_s = [2.0, 1e6]";
-        assert!(flown("ekf_online_nn", short, &flight()).unwrap_err().what.contains("too few to train on"));
+        assert!(flown("ekf_online_nn", short, &flight()).unwrap_err().what.contains("too few for training"));
     }
 }

@@ -18,42 +18,43 @@ use crate::a_matrix::runs_of;
 use crate::columns::{array, data};
 
 filter! {
-    /// The 18-state extended Kalman filter with the Tolles-Lawson coefficients of each magnetometer as further
-    /// states: `mag` is not compensated beforehand, and the coefficients follow an aircraft whose field changes.
+    /// The 18-state extended Kalman filter with the Tolles-Lawson coefficients of each magnetometer as further states.
+    /// `mag` is uncompensated, and the coefficients follow changes of the aircraft field.
     ///
-    /// Take it where the calibration is old, of another aircraft, or none at all, and the line has manoeuvres: along
-    /// a straight line at constant attitude the aircraft's field is a constant, which is told from the map's only as
-    /// far as the prior does. A constant among the terms (`bias`) takes what map and compensation leave undetermined,
-    /// so that no `offset_window_s` is needed.
+    /// Use it if the calibration is old, from another aircraft, or absent, and the line has manoeuvres. On a straight
+    /// line at constant attitude the aircraft field is a constant that only the prior separates from the map. A
+    /// constant among the terms (`bias`) absorbs the constant that map and compensation leave undetermined, so
+    /// `offset_window_s` is not needed.
     ///
-    /// The prior is that of the calibrations under `model`, one or several tables of `fit`, converted to the rate of the line,
-    /// or cold. A scalar
-    /// magnetometer among the terms is refused: the filter would subtract what it navigates by. `aircraft` is the field
-    /// of the aircraft by the coefficients of the sample; of several magnetometers each has its own, `aircraft_<mag>`.
-    /// `residual` is that of the first magnetometer used at a sample, `nis` the mean of those used.
+    /// The prior is that of the calibrations under `model` (one or several tables of `fit`), converted to the rate of
+    /// the line. Without `model` the start is cold. A scalar magnetometer among the terms is rejected: the filter would
+    /// subtract its own measurement. `aircraft` is the aircraft field for the coefficients of the sample; with several
+    /// magnetometers each has its own, `aircraft_<mag>`. `residual` is the innovation of the first magnetometer used at
+    /// a sample, `nis` the mean over those used.
     ///
-    /// Source: thesis 000, section 5.5, with its (5.39) left out.
+    /// Source: Gnadt 2022, section 5.5, without (5.39).
     EkfOnlineTl = "ekf_online_tl", version 1, groups [aiding: Aiding, aircraft: AircraftModel, further: Further], example "walk_per_hour = 0.1";
-    /// The random walk of a coefficient: its one sigma after an hour, over that before the line. With 0 the coefficients
-    /// are constants.
+    /// Random walk of a coefficient: its standard deviation after one hour, divided by its prior standard deviation.
+    /// With 0 the coefficients are constants.
     walk_per_hour: f64, unit "1", default 0.1, rule Rule::NotNegative;
-    /// One sigma of a bias of each axis of `vector`, estimated along: its reading is what the terms are made of.
-    flux_bias_sigma_nt: Option<f64>, unit "nT", absent "`vector` is taken as exact", rule Rule::Positive;
-    /// The correlation time of that bias.
-    flux_bias_tau_s: Option<f64>, unit "s", absent "it is a constant", rule Rule::Positive;
-    /// The scale that the terms were made with.
+    /// Standard deviation of a bias of each axis of `vector`, which makes the terms. If set, the bias is estimated.
+    flux_bias_sigma_nt: Option<f64>, unit "nT", absent "`vector` is exact", rule Rule::Positive;
+    /// Time constant of that bias.
+    flux_bias_tau_s: Option<f64>, unit "s", absent "the bias is constant", rule Rule::Positive;
+    /// Field scale of the terms, as in the `a_matrix` that made them.
     bt_scale_nt: f64, unit "nT", default 50_000.0, rule Rule::Positive;
-    /// A measurement whose squared innovation over its variance is above this is not used.
-    gate_nis: Option<f64>, unit "1", absent "outliers are rejected before the filter, or none with `tuning = \"magnav\"`", rule Rule::Positive;
-    /// How the process noise becomes a step's covariance: to second order, to first order as MagNav.jl, or exactly.
+    /// Largest NIS (squared innovation over its variance) of a measurement. Larger ones are rejected.
+    gate_nis: Option<f64>, unit "1",
+        absent "no gate; `tuning = \"auto\"` rejects outliers before the filter", rule Rule::Positive;
+    /// Discretisation of the process noise: to second order, to first order as in MagNav.jl, or exact.
     discretisation: NoiseDiscretisation, unit "", default NoiseDiscretisation::Trapezoidal;
-    /// Append the state `x` and its covariance `p` (row-major), of the 18 states of `ekf`.
+    /// Appends the state `x` and its covariance `p` (row-major), of the 18 states of `ekf`.
     save_state: bool, unit "", default false;
 }
 
-/// The columns of the aircraft's field, one a magnetometer.
+/// Columns of the aircraft field, one per magnetometer.
 pub(super) fn aircraft_columns(flight: &Flight) -> Vec<Column> {
-    let what = "field of the aircraft by the coefficients of the sample";
+    let what = "aircraft field for the coefficients of the sample";
     let name = |mag: &String| if flight.mags.len() == 1 { "aircraft".to_owned() } else { format!("aircraft_{mag}") };
     flight.mags.iter().map(|mag| Column::float(name(mag), "nT", what)).collect()
 }
@@ -66,7 +67,7 @@ impl NavigationFilter for EkfOnlineTl {
     fn reads(&self, flight: &Flight) -> Result<Vec<String>, Vec<Fault>> {
         let mut faults = vec![];
         if self.flux_bias_sigma_nt.is_some() && !flight.has_direction {
-            let what = "a bias is of a vector magnetometer: say `vector`, the one that the terms are made of";
+            let what = "`flux_bias_sigma_nt` requires `vector`, the vector magnetometer of the terms";
             faults.push(Fault::new(what).of_param("flux_bias_sigma_nt"));
         }
         let bias = if faults.is_empty() { Ok(vec![]) } else { Err(faults) };
@@ -103,7 +104,7 @@ impl NavigationFilter for EkfOnlineTl {
     fn idle(&self, key: &str) -> Option<Fault> {
         let of_bias = ["flux_bias_tau_s", "bt_scale_nt"].contains(&key) && self.flux_bias_sigma_nt.is_none();
         of_bias
-            .then(|| Fault::new(format!("`{key}` has no say without `flux_bias_sigma_nt`")).of_param(key))
+            .then(|| Fault::new(format!("`{key}` has no effect without `flux_bias_sigma_nt`")).of_param(key))
             .or_else(|| self.aiding.idle(key))
             .or_else(|| self.further.idle(key))
     }
@@ -172,8 +173,8 @@ impl EkfOnlineTl {
     fn bias<'a>(&self, flown: &'a Flown, names: &[String]) -> Result<Option<Bias<'a>>, Fault> {
         let (Some(sigma_nt), Some([x, y, z])) = (self.flux_bias_sigma_nt, flown.field_nt) else { return Ok(None) };
         let terms = Terms::leading(names).map_err(|_| {
-            let what = format!("the terms of `{}` are not those of a vector magnetometer", self.aircraft.terms);
-            Fault::data(what).of_param("flux_bias_sigma_nt").help("make them with an `a_matrix` of `vector`")
+            let what = format!("`{}` does not hold the terms of a vector magnetometer", self.aircraft.terms);
+            Fault::data(what).of_param("flux_bias_sigma_nt").help("make the terms with an `a_matrix` of `vector`")
         })?;
         let runs = runs_of(&terms, flown.ins.tt_s, [x, y, z])?;
         let tau_s = self.flux_bias_tau_s.unwrap_or(f64::INFINITY);
@@ -222,10 +223,10 @@ mod tests {
 
     #[test]
     fn unit_what_is_missing_is_told() {
-        assert_refused("ekf_online_tl", "terms = 'tt'", "no list of terms");
-        assert_refused("ekf_online_tl", "flux_bias_sigma_nt = 10.0", "say `vector`");
-        assert_refused("ekf_online_tl", "heading_error_sigma_nt = 10.0", "needs the direction");
-        assert_refused("ekf_online_tl", "flux_bias_tau_s = 10.0", "no say without `flux_bias_sigma_nt`");
-        assert_refused("ekf_online_tl", "vector = 'flux_d'", "has no say");
+        assert_refused("ekf_online_tl", "terms = 'tt'", "not a list of terms");
+        assert_refused("ekf_online_tl", "flux_bias_sigma_nt = 10.0", "requires `vector`");
+        assert_refused("ekf_online_tl", "heading_error_sigma_nt = 10.0", "requires the direction");
+        assert_refused("ekf_online_tl", "flux_bias_tau_s = 10.0", "no effect without `flux_bias_sigma_nt`");
+        assert_refused("ekf_online_tl", "vector = 'flux_d'", "has no effect");
     }
 }

@@ -1,6 +1,7 @@
-//! What a navigation filter declares of itself, what it is handed and hands back.
+//! Interface of a navigation filter: declaration, inputs and outputs.
 //!
-//! A filter is one file: its declaration by [`filter!`](crate::filter!), its run, its tests; and one line in [`FILTERS`](super::FILTERS).
+//! A filter is one file with its declaration by [`filter!`](crate::filter!), its run and its tests, and one line in
+//! [`FILTERS`](super::FILTERS).
 
 use std::{any::Any, sync::Arc};
 
@@ -27,29 +28,30 @@ use super::{
 };
 use crate::columns::list;
 
-/// A flight line as every filter is handed it.
+/// One flight line as input of a filter.
 pub struct Flown<'a> {
-    /// The INS, a value a sample; what the flight lacks is derived.
+    /// INS, one value per sample. Columns that the flight lacks are derived.
     pub ins: InsSeries<'a>,
-    /// The measured field in nT at each sample, less the temporal variation where that is known; NaN where there is
-    /// none. It holds the core field if, and only if, `core` is given. Of several magnetometers, their mean.
+    /// Measured field in nT at each sample, minus the diurnal variation where it is removed; NaN where missing. It
+    /// contains the core field if and only if `core` is given. With several magnetometers, their mean.
     pub measured_nt: Vec<f64>,
-    /// One sigma of the white noise of each of `measured_nt`, in nT.
+    /// Standard deviation of the white noise of each of `measured_nt`, in nT.
     pub sigma_nt: Vec<f64>,
-    /// Each magnetometer, for a filter that takes them by themselves ([`NavigationFilter::each_magnetometer`]); else none.
+    /// Each magnetometer, for a filter that processes them separately ([`NavigationFilter::each_magnetometer`]); else
+    /// empty.
     pub magnetometers: Vec<Magnetometer<'a>>,
     /// The anomaly map, for a filter that needs one ([`NavigationFilter::needs_map`]).
     pub map: Option<&'a FieldMap>,
     /// The core field at the date of the line.
     pub core: Option<Arc<CoreField>>,
-    /// The error sources of the INS, and the lasting part of the measurement's error.
+    /// Error sources of the INS, and the slow error of the measurement.
     pub errors: InsErrorModel,
-    /// The white part of the error of one magnetometer, a sample, in nT.
+    /// Standard deviation of the white noise of one magnetometer, per sample, in nT.
     pub measurement_sigma_nt: f64,
-    /// The length of the window in s, from the first sample, whose mean of measurement minus prediction is taken off;
-    /// 0 takes nothing off.
+    /// Length in s, from the first sample, of the window whose mean of measurement minus prediction is subtracted; 0
+    /// subtracts nothing.
     pub offset_window_s: f64,
-    /// The columns that [`NavigationFilter::reads`] names, and those of the INS.
+    /// Columns that [`NavigationFilter::reads`] returns, and the INS columns.
     pub columns: &'a RecordBatch,
     /// The calibrations under `model`.
     pub models: &'a [Calibration],
@@ -57,30 +59,30 @@ pub struct Flown<'a> {
     pub field_nt: Option<[&'a [f64]; 3]>,
     /// The cosine of the angle between the scalar sensor's axis and that field; NaN where it is unknown.
     pub cosines: Option<Vec<f64>>,
-    /// What one sigma of a sample's measurement is multiplied by for the attitude; NaN makes it a missing one.
+    /// Factor on the standard deviation of each measurement for the attitude; NaN makes the measurement missing.
     pub noise_factors: Option<Vec<f64>>,
-    /// One sigma of what the measurement of each sample errs by besides, in nT; NaN makes it a missing one.
+    /// Standard deviation of the additional error of each measurement, in nT; NaN makes the measurement missing.
     pub sample_sigma_nt: Option<Vec<f64>>,
-    /// One sigma of what the map errs by at each sample, as white noise, in nT.
+    /// Standard deviation of the map error at each sample, as white noise, in nT.
     pub map_sigma_nt: Option<Vec<f64>>,
-    /// Positions by GNSS, tested, for a filter that takes them ([`NavigationFilter::aiding`]).
+    /// Positions by GNSS after the test, for a filter that uses them ([`NavigationFilter::aiding`]).
     pub gnss: Option<Gnss>,
     /// Counts the curvature of the map over the position's uncertainty as noise of the measurement.
     pub second_order: bool,
     /// The number of magnetometers in each of `measured_nt`.
     pub(super) counts: Vec<f64>,
-    /// The fate of measurements that no filter gets; empty where it gets all.
+    /// Outcome of measurements that are withheld from the filter; empty where none is.
     pub(super) left_out: Vec<Option<Update>>,
-    /// The noise that was found.
+    /// Estimated noise.
     pub(super) tuned: Option<Tuned>,
 }
 
 /// A magnetometer of a line.
 #[derive(Clone)]
 pub struct Magnetometer<'a> {
-    /// Its column.
+    /// Column name.
     pub name: &'a str,
-    /// As [`Flown::measured_nt`].
+    /// See [`Flown::measured_nt`].
     pub measured_nt: Vec<f64>,
 }
 
@@ -91,16 +93,16 @@ pub struct Flight<'a> {
     pub shape: &'a Shape,
     /// The magnetometers under `mag`.
     pub mags: &'a [String],
-    /// Whether a vector magnetometer tells the direction of the field ([`Flown::field_nt`]).
+    /// Whether a vector magnetometer gives the direction of the field ([`Flown::field_nt`]).
     pub has_direction: bool,
-    /// Whether the measurement holds the core field.
+    /// Whether the measurement contains the core field.
     pub core_field: bool,
-    /// How the map is interpolated.
+    /// Interpolation of the map.
     pub interpolation: Interpolation,
 }
 
 impl Flown<'_> {
-    /// The line as the filters of the numerics take it.
+    /// Line as input of the filters in `numerics`.
     ///
     /// # Errors
     /// Without a map.
@@ -126,30 +128,30 @@ impl Flown<'_> {
         Ok(NavigationLine { errors: InsErrorModel { noise, ..self.errors }, ..self.line()? })
     }
 
-    /// One sigma of the white noise of one magnetometer at each sample, in nT, for a filter that takes each of
-    /// [`Flown::magnetometers`]. The map's error is the same in all: each has the more of it the more there are.
+    /// Standard deviation of the white noise of one magnetometer at each sample, in nT, for a filter that uses each of
+    /// [`Flown::magnetometers`]. The map error is common to all, so its variance is multiplied by their number.
     pub fn sigma_of_each_nt(&self) -> Vec<f64> {
         let count = self.magnetometers.len() as f64;
         (0..self.ins.len()).map(|row| self.own_sigma_nt(row).hypot(count.sqrt() * self.map_sigma_at(row))).collect()
     }
 
-    /// What a sensor adds.
+    /// Noise of the sensor.
     pub(super) fn own_sigma_nt(&self, row: usize) -> f64 {
         let sensor_nt = self.measurement_sigma_nt * self.noise_factors.as_ref().map_or(1.0, |factors| factors[row]);
         self.sample_sigma_nt.as_ref().map_or(sensor_nt, |sigma_nt| sensor_nt.hypot(sigma_nt[row]))
     }
 
-    /// What the map adds.
+    /// Noise of the map.
     pub(super) fn map_sigma_at(&self, row: usize) -> f64 {
         self.map_sigma_nt.as_ref().map_or(0.0, |sigma_nt| sigma_nt[row])
     }
 
-    /// Whether the noise was found from the measurements of the line.
+    /// Whether the noise was estimated from the measurements of the line.
     pub fn is_tuned(&self) -> bool {
         self.tuned.is_some()
     }
 
-    /// The positions by GNSS that passed their test.
+    /// Positions by GNSS that passed the test.
     pub fn fixes(&self) -> Option<&PositionFixes> {
         self.gnss.as_ref().map(|gnss| &gnss.accepted)
     }
@@ -164,24 +166,24 @@ impl Flown<'_> {
 }
 
 choice! {
-    /// What became of a measurement.
+    /// Outcome of a measurement.
     pub enum Update {
-        /// The filter used it.
+        /// Used by the filter.
         Used = "used",
-        /// There was none.
+        /// No measurement.
         Missing = "missing",
-        /// The predicted position is off the map or in an unknown cell.
+        /// Predicted position off the map or in an unknown cell.
         OffMap = "off_map",
-        /// Its innovation was too large.
+        /// Innovation above the gate.
         Gated = "gated",
-        /// The map is too flat there to tell a position; the temporal variation was corrected.
+        /// Map too flat to observe the position; the temporal variation was corrected.
         Flat = "flat",
-        /// The filter had no use for it.
+        /// Not needed by the filter.
         Unused = "unused",
     }
 }
 
-/// The estimate of a filter, one value a sample: the state after the measurement of the sample.
+/// Estimate of a filter, one value per sample: the state a posteriori.
 #[derive(Clone, Debug, Default)]
 pub struct Track {
     /// Latitude, in degrees of WGS-84.
@@ -196,33 +198,33 @@ pub struct Track {
     pub ve_mps: Vec<f64>,
     /// Velocity down, in m/s.
     pub vd_mps: Vec<f64>,
-    /// One sigma of the position north, in m.
+    /// Standard deviation of the position north, in m.
     pub sd_n_m: Vec<f64>,
-    /// One sigma of the position east, in m.
+    /// Standard deviation of the position east, in m.
     pub sd_e_m: Vec<f64>,
     /// Covariance of the position errors north and east, in m².
     pub cov_ne_m2: Vec<f64>,
-    /// Innovation, in nT; NaN where there was none.
+    /// Innovation, in nT; NaN where no measurement was used.
     pub residual_nt: Vec<f64>,
-    /// The innovation squared over its variance; NaN with it.
+    /// Normalised innovation squared; NaN where `residual_nt` is.
     pub nis: Vec<f64>,
-    /// What became of the measurement.
+    /// Outcome of the measurement.
     pub update: Vec<Update>,
-    /// The arrays of [`NavigationFilter::columns`].
+    /// Arrays of [`NavigationFilter::columns`].
     pub more: Vec<ArrayRef>,
 }
 
 impl Track {
-    /// The track of a filter's output, whose states are left to the filter. `gate_nis` is its innovation gate.
+    /// Track of a filter's output. The filter takes the states itself. `gate_nis` is its innovation gate.
     ///
     /// # Errors
-    /// When not a single measurement was used, or the offset is unknown.
+    /// When no measurement was used, or the offset is unknown.
     pub fn of(flown: &Flown, out: NavigationOutput, gate_nis: Option<f64>) -> Result<Track, Fault> {
         enough(flown, &out.report)?;
         Ok(Self::with_any(flown, out, gate_nis))
     }
 
-    /// The same, where a line without a single measurement to use has a track too.
+    /// [`Track::of`] that also accepts a line without a usable measurement.
     pub fn with_any(flown: &Flown, out: NavigationOutput, gate_nis: Option<f64>) -> Track {
         let update = |(residual, (nis, measured)): (&f64, (&f64, &f64))| match gate_nis {
             _ if !measured.is_finite() => Update::Missing,
@@ -234,7 +236,7 @@ impl Track {
         Track { update, ..Track::without_updates(out) }
     }
 
-    /// The track of a filter's output that does not say what became of the measurements.
+    /// Track of a filter's output without the outcomes of the measurements.
     pub fn without_updates(out: NavigationOutput) -> Track {
         Track {
             lat_deg: out.lat_deg,
@@ -254,14 +256,14 @@ impl Track {
     }
 }
 
-/// Refuses a line of which no measurement could be used.
+/// Rejects a line without a usable measurement.
 pub(super) fn enough(flown: &Flown, report: &NavigationReport) -> Result<(), Fault> {
     if report.updates == 0 {
         let what = format!(
             "no sample could be used: {} without a measurement, {} off the map",
             report.missing_measurements, report.off_map
         );
-        return Err(Fault::data(what).help("does the map cover the flight?"));
+        return Err(Fault::data(what).help("check that the map covers the flight"));
     }
     if flown.offset_window_s > 0.0 && report.offset_samples == 0 {
         return Err(Fault::data(
@@ -271,7 +273,7 @@ pub(super) fn enough(flown: &Flown, report: &NavigationReport) -> Result<(), Fau
     Ok(())
 }
 
-/// The states, in the order of thesis 000 (5.14).
+/// States, in the order of Gnadt 2022 (5.14).
 const STATE_NAMES: [&str; STATES] = [
     "lat", "lon", "alt", "vn", "ve", "vd", "tilt_n", "tilt_e", "tilt_d", "acc_1", "acc_2", "acc_3", "gyro_1", "gyro_2",
     "gyro_3", "ha", "a_hat", "s",
@@ -282,82 +284,82 @@ pub fn state_columns() -> Vec<Column> {
     let states: Vec<String> = STATE_NAMES.map(str::to_owned).to_vec();
     let pairs = STATE_NAMES.iter().flat_map(|a| STATE_NAMES.iter().map(move |b| format!("{a}*{b}"))).collect();
     vec![
-        Column::list("x", "", "error state, truth - INS, thesis 000 (5.14); rad, m, s, nT", states),
+        Column::list("x", "", "error state, truth minus INS, Gnadt 2022 (5.14); rad, m, s, nT", states),
         Column::list("p", "", "covariance of x, row-major", pairs),
     ]
 }
 
-/// The arrays of [`state_columns`], taken out of a filter's output.
+/// Arrays of [`state_columns`], taken from a filter's output.
 ///
 /// # Errors
-/// When they cannot be made a list column.
+/// When they do not make a list column.
 pub fn state_arrays(out: &mut NavigationOutput) -> Result<Vec<ArrayRef>, Fault> {
     // The filter's own memory: a long flight's covariances take half a gigabyte.
     let (x, p) = (std::mem::take(&mut out.x), std::mem::take(&mut out.p));
     Ok(vec![list(x.into_flattened(), STATES)?, list(p.into_flattened().into_flattened(), STATES * STATES)?])
 }
 
-/// A filter with the keys that it was given.
+/// A filter with its keys.
 pub trait NavigationFilter: Any + Send + Sync {
-    /// What it hands out beside the track.
+    /// Columns besides the track.
     fn columns(&self, _flight: &Flight) -> Vec<Column> {
         vec![]
     }
 
-    /// The columns that it reads beside the INS and `mag`.
+    /// Columns that it reads besides the INS and `mag`.
     ///
     /// # Errors
-    /// When the flight lacks one, or has it in another unit.
+    /// When the flight lacks one or has it in another unit.
     fn reads(&self, _flight: &Flight) -> Result<Vec<String>, Vec<Fault>> {
         Ok(vec![])
     }
 
-    /// Its keys of the positions that aid it, where it takes any: [`Flown::fixes`].
+    /// Keys of the aiding positions, if the filter uses any: [`Flown::fixes`].
     fn aiding(&self) -> Option<&Aiding> {
         None
     }
 
-    /// Whether it has a gate of its own.
+    /// Whether it has an innovation gate.
     fn gates(&self) -> bool {
         false
     }
 
-    /// How much work a sample is, in any unit of its own: see `Stage::effort` of the crate `schemas`.
+    /// Computing time per sample in arbitrary units: see `Stage::effort` of the crate `schemas`.
     fn effort(&self) -> f64 {
         1.0
     }
 
-    /// Whether it takes each magnetometer by itself; else it is handed their mean.
+    /// Whether it uses each magnetometer separately instead of their mean.
     fn each_magnetometer(&self) -> bool {
         false
     }
 
-    /// Whether it has a use for the measured field.
+    /// Whether it uses the measured field.
     fn takes_field(&self) -> bool {
         true
     }
 
-    /// Whether it cannot do without a map.
+    /// Whether it requires a map.
     fn needs_map(&self) -> bool {
         true
     }
 
-    /// Whether it has a use for a map.
+    /// Whether it uses a map.
     fn takes_map(&self) -> bool {
         self.needs_map()
     }
 
-    /// Whether it has a use for calibrations, the tables of `fit`.
+    /// Whether it uses calibrations, the tables of `fit`.
     fn takes_models(&self) -> bool {
         false
     }
 
-    /// Whether it needs the direction of the field in the sensor, `vector`.
+    /// Whether it requires the direction of the field in the sensor, `vector`.
     fn takes_direction(&self) -> bool {
         false
     }
 
-    /// Why one of its own keys has no say beside the others; `None` where it has.
+    /// Fault of a key that has no effect with the other keys; `None` where it has one.
     fn idle(&self, _key: &str) -> Option<Fault> {
         None
     }
@@ -365,11 +367,11 @@ pub trait NavigationFilter: Any + Send + Sync {
     /// Filters one line.
     ///
     /// # Errors
-    /// When the line cannot be filtered; the other lines go on.
+    /// When the line cannot be filtered. The other lines are not affected.
     fn navigate(&self, flown: &Flown) -> Result<Track, Fault>;
 
-    /// Filters one line by several points of a sweep, which all have the same INS: one answer a point, in their order,
-    /// with the bits of [`NavigationFilter::navigate`].
+    /// Filters one line at several points of a sweep that share the INS. Returns one answer per point, in order,
+    /// bit-identical to [`NavigationFilter::navigate`].
     ///
     /// # Errors
     /// Each answer fails as [`NavigationFilter::navigate`].
@@ -381,30 +383,30 @@ pub trait NavigationFilter: Any + Send + Sync {
     }
 }
 
-/// A filter whose type is forgotten, with a line.
+/// A type-erased filter with a line.
 pub type Point<'a> = (&'a dyn NavigationFilter, &'a Flown<'a>);
 
-/// A filter as it declares itself.
+/// Declaration of a filter.
 #[derive(Debug)]
 pub struct Filter {
-    /// The word after `filter =`.
+    /// Value of `filter`.
     pub name: &'static str,
-    /// Raised whenever its answer changes.
+    /// Version, raised whenever the results change.
     pub version: u32,
-    /// What it estimates and how, when you want it, source: the lines of its documentation.
+    /// Documentation lines: state and method, use, source.
     pub doc: &'static [&'static str],
-    /// Keys, one a line, for the example of the stage with this filter.
+    /// Keys for the example of the stage with this filter, one per line.
     pub example: &'static str,
-    /// Its own keys.
+    /// Documentation of its keys.
     pub docs: fn() -> Vec<ParamDoc>,
-    /// Reads its own keys.
+    /// Reads its keys.
     pub read: fn(&mut Reader) -> Option<Own<dyn NavigationFilter>>,
-    /// See [`NavigationFilter::navigate_points`]; all are filters of this type.
+    /// See [`NavigationFilter::navigate_points`]; all points have a filter of this type.
     pub navigate_points: fn(&[Point]) -> Vec<Result<Track, Fault>>,
 }
 
 impl Filter {
-    /// What the reference says of it.
+    /// Entry of the reference.
     pub(super) fn document(&self) -> KindDoc {
         let (doc, params) = (collect_doc(self.doc), (self.docs)());
         KindDoc { key: "filter", name: self.name, doc, facts: vec![], params, example: self.example }
@@ -461,7 +463,7 @@ pub fn navigate_points<F: NavigationFilter>(points: &[Point]) -> Vec<Result<Trac
 /// filter! {
 ///     /// The INS, moved north.
 ///     Shifted = "shifted", version 1, example "north_m = 10.0";
-///     /// How far.
+///     /// Distance north.
 ///     north_m: f64, unit "m", default 0.0, rule Rule::Finite;
 /// }
 /// impl NavigationFilter for Shifted {
@@ -502,7 +504,7 @@ macro_rules! filter {
         }
 
         impl $Ty {
-            /// The declaration.
+            /// Declaration of the filter.
             pub const FILTER: $crate::navigate::Filter = $crate::navigate::Filter {
                 name: $name,
                 version: $v,

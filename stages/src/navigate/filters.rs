@@ -1,4 +1,4 @@
-//! The list of all filters.
+//! List of all filters.
 
 use super::{
     crlb::Crlb, ekf::Ekf, ekf_adaptive::EkfAdaptive, ekf_online_nn::EkfOnlineNn, ekf_online_tl::EkfOnlineTl,

@@ -1,4 +1,4 @@
-//! The fixed-lag smoother with the coefficients of the aircraft.
+//! Fixed-lag smoother with the coefficients of the aircraft field.
 
 use numerics::{
     navigation::{
@@ -19,45 +19,44 @@ use super::further::Further;
 use crate::columns::{array, data};
 
 filter! {
-    /// A smoother over sliding windows that learns the aircraft's field as it navigates: the 18 states of the `ekf`,
-    /// the coefficients of the A-matrix of the line where there is one, and a Gauss-Markov error of the magnetometer.
-    /// It starts cold, on an uncompensated magnetometer: the INS is good to metres at the line's start, and the map
-    /// tells the coefficients there.
+    /// A smoother over sliding windows that estimates the aircraft field while it navigates. It has the 18 states of
+    /// `ekf`, the coefficients of the line's A-matrix, and a first-order Gauss-Markov error of the magnetometer. It can
+    /// start cold, on an uncompensated magnetometer: while the INS is accurate to metres at the line's start, the map
+    /// determines the coefficients.
     ///
-    /// Each window is solved by Gauss-Newton, with the map linearised anew, and hands the filtered covariance of INS
-    /// states and coefficients on to the next. Between the ends of windows a filter goes on from the last one; its
-    /// innovations are
-    /// `residual` and `nis`, one a `measurement_interval_s`. With `lag_s` = 0 the track is what a navigator has in
-    /// flight.
+    /// Each window is solved by Gauss-Newton iterations that linearise the map anew. It passes the filtered covariance
+    /// of INS states and coefficients to the next window. Between the ends of windows a filter continues from the last
+    /// window; its innovations give `residual` and `nis`, one per `measurement_interval_s`. With `lag_s = 0.0` the
+    /// track is that of a real-time navigator.
     ///
-    /// `fogm_sigma_nt` is the temporal variation that all magnetometers share, `aircraft_sigma_nt` what the linear
-    /// model of the aircraft leaves. The latter decides on honesty: without it, cabin magnetometers make any filter
-    /// overconfident.
+    /// `fogm_sigma_nt` is the temporal variation common to all magnetometers. `aircraft_sigma_nt` is the residual of
+    /// the linear aircraft model. Without `aircraft_sigma_nt` every filter on cabin magnetometers is overconfident.
     ///
-    /// Source: the windows and their prior as in fixed-lag factor-graph smoothing; each window as the iterated smoother
-    /// [Bell 1994] in the form of Bryson and Frazier [Bierman 1973].
+    /// Source: windows and their prior as in fixed-lag factor-graph smoothing; each window is an iterated smoother
+    /// [Bell 1994] in Bryson-Frazier form [Bierman 1973].
     FixedLag = "fixed_lag", version 1, groups [aircraft: AircraftModel, aiding: Aiding, further: Further], example "lag_s = 0.0";
     /// Length of a window.
     window_s: f64, unit "s", default 300.0, rule Rule::Positive;
-    /// The part of a window that it shares with the next: windows end every `window_s` (1 - `overlap`) seconds.
+    /// Fraction of a window that the next window shares: windows end every `window_s` (1 - `overlap`) seconds.
     overlap: f64, unit "1", default 0.95, rule Rule::Between(0.0, 0.999);
-    /// The estimate of a sample uses measurements up to this long after it. 0 navigates in real time.
+    /// Maximum delay after a sample of the measurements in its estimate. 0 navigates in real time.
     lag_s: f64, unit "s", default 0.0, rule Rule::NotNegative;
-    /// The measurements within so long are averaged into one; 0 takes each by itself.
+    /// Interval over which measurements are averaged into one. 0 uses every sample.
     measurement_interval_s: f64, unit "s", default 1.0, rule Rule::NotNegative;
-    /// What a residual costs: its square, or less where it is large.
+    /// Loss function of a residual: quadratic, or robust to outliers.
     loss: Loss, unit "", default Loss::None;
-    /// Where `loss` departs from the square, in standard deviations of the measurement.
+    /// Residual above which a robust `loss` departs from the quadratic, in standard deviations of the measurement.
     loss_scale: f64, unit "1", default 2.5, rule Rule::Positive;
-    /// Most iterations of a window.
+    /// Maximum number of iterations per window.
     iterations: usize, unit "", default 15usize;
-    /// Standard deviation of what lasts of the aircraft's field beside its coefficients; 0 for none.
-    aircraft_sigma_nt: Option<f64>, unit "nT", absent "30.0, or 0 where the noise of the line was found (`tuning`), which then holds it", rule Rule::NotNegative;
-    /// Its correlation time.
+    /// Standard deviation of the slow aircraft field that its coefficients do not explain; 0 for none.
+    aircraft_sigma_nt: Option<f64>, unit "nT",
+        absent "30.0, or 0 if `tuning = \"auto\"` estimates the noise of the line, which then includes it", rule Rule::NotNegative;
+    /// Time constant of that slow aircraft field.
     aircraft_tau_s: f64, unit "s", default 300.0, rule Rule::Positive;
-    /// Random walk of every coefficient in an hour, as a part of its prior standard deviation; 0 for constants.
+    /// Random walk of every coefficient in one hour, as a fraction of its prior standard deviation; 0 for constants.
     walk_per_hour: f64, unit "1", default 0.0, rule Rule::NotNegative;
-    /// How the process noise becomes a step's covariance: to second order, to first order as MagNav.jl, or exactly.
+    /// Discretisation of the process noise: to second order, to first order as in MagNav.jl, or exact.
     discretisation: NoiseDiscretisation, unit "", default NoiseDiscretisation::Trapezoidal;
 }
 
@@ -90,12 +89,13 @@ impl NavigationFilter for FixedLag {
     fn idle(&self, key: &str) -> Option<Fault> {
         match key {
             "loss_scale" if self.loss == Loss::None => {
-                let fault = Fault::new("`loss_scale` belongs to the losses `huber` and `cauchy`");
-                Some(fault.help("the loss is `none`: leave it out"))
+                let fault = Fault::new("`loss_scale` has no effect with `loss = \"none\"`");
+                Some(fault.help("remove it, or set `loss` to `huber` or `cauchy`"))
             }
-            "aircraft_tau_s" if self.aircraft_sigma_nt == Some(0.0) => {
-                Some(Fault::new("`aircraft_tau_s` has no say").help("`aircraft_sigma_nt` is 0: leave it out"))
-            }
+            "aircraft_tau_s" if self.aircraft_sigma_nt == Some(0.0) => Some(
+                Fault::new("`aircraft_tau_s` has no effect with `aircraft_sigma_nt = 0.0`")
+                    .help("remove it, or set `aircraft_sigma_nt` above 0"),
+            ),
             _ => self.aiding.idle(key).or_else(|| self.further.idle(key)),
         }
     }
@@ -181,7 +181,7 @@ mod tests {
 
     #[test]
     fn law_the_heading_error_of_the_sensor_is_found() {
-        // 30 nT times the cosine of the angle between the field and the nose, beside the aircraft's field.
+        // 30 nT times the cosine of the angle between the field and the nose, besides the aircraft's field.
         let turned = with(&flight(), "mag_1_uc", |row, nt| nt + 30.0 * (0.2 + 0.25 * (row as f64 / 2.3).cos()));
         let keys = "mag = 'mag_1_uc'\naircraft_sigma_nt = 0.0\nwindow_s = 200.0\nvector = 'flux_d'\n\
                     heading_error_sigma_nt = 50.0";
@@ -191,8 +191,8 @@ mod tests {
 
     #[test]
     fn unit_keys_without_a_say_are_told() {
-        assert_refused("fixed_lag", "loss_scale = 2.0", "belongs to the losses");
-        assert_refused("fixed_lag", "aircraft_sigma_nt = 0.0\naircraft_tau_s = 9.0", "no say");
+        assert_refused("fixed_lag", "loss_scale = 2.0", "no effect with `loss");
+        assert_refused("fixed_lag", "aircraft_sigma_nt = 0.0\naircraft_tau_s = 9.0", "no effect");
         assert_refused("fixed_lag", "overlap = 1.0", "overlap");
     }
 }

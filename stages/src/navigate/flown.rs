@@ -1,4 +1,4 @@
-//! The points of a sweep over one line: those with the same INS and the same filter are filtered together.
+//! Points of a sweep over one line. Points with the same INS and the same filter are filtered together.
 
 use std::sync::Arc;
 
@@ -42,7 +42,7 @@ impl CoreFields {
     }
 }
 
-/// One answer a point, in their order.
+/// Filters the points. Returns one answer per point, in order.
 pub(super) fn run(points: &[LinePoint<Navigate>]) -> Vec<Arrays> {
     let mut answers: Vec<Option<Arrays>> = vec![];
     let mut flights: Vec<Flight> = vec![];
@@ -107,7 +107,7 @@ pub(super) fn run(points: &[LinePoint<Navigate>]) -> Vec<Arrays> {
     answers.into_iter().map(|a| a.unwrap_or_else(|| Err(Fault::bug("a point was lost")))).collect()
 }
 
-/// The INS of a line, corrected where a filter starts from a fix.
+/// INS of a line, corrected where a filter starts from a fix.
 fn begun<'a>(batch: &'a RecordBatch, begin: &Begin) -> Result<Ins<'a>, Fault> {
     let ins = Ins::of(batch)?;
     ins.series().check().map_err(data)?;
@@ -117,7 +117,7 @@ fn begun<'a>(batch: &'a RecordBatch, begin: &Begin) -> Result<Ins<'a>, Fault> {
     }
 }
 
-/// What one point gives to its filter.
+/// Filter input of one point.
 fn flown<'a>(
     LinePoint { stage, line, prepared }: LinePoint<'a, Navigate>,
     ins: &'a Ins,
@@ -172,7 +172,7 @@ fn flown<'a>(
         tuned: None,
     };
     flown.gnss = stage.filter.keys.aiding().map(|aiding| aiding.gnss(&flown)).transpose()?.flatten();
-    // A filter that takes each by itself takes each one's offset off, too.
+    // A filter that uses each magnetometer separately also subtracts the offset of each.
     let each = stage.filter.keys.each_magnetometer().then(|| flown.magnetometers.clone());
     flown.combine()?;
     let finds_noise = stage.finds_noise(map.is_some());
@@ -194,8 +194,8 @@ fn flown<'a>(
 }
 
 impl Flown<'_> {
-    /// Makes one measurement of several: the mean at each sample of those that are there. They have the same prediction,
-    /// so that their mean says of the position what all of them do. What each is off is taken off before.
+    /// Averages the magnetometers at each sample where they have readings. Their predictions are equal, so the mean
+    /// loses no information on the position. The offset of each is subtracted before.
     fn combine(&mut self) -> Result<(), Fault> {
         let mut magnetometers = std::mem::take(&mut self.magnetometers);
         if magnetometers.len() > 1 && self.offset_window_s > 0.0 && self.map.is_some() {
@@ -205,7 +205,7 @@ impl Flown<'_> {
                 if samples == 0 {
                     let what =
                         format!("`{name}` has no sample within `offset_window_s` with a measurement and a map value");
-                    return Err(Fault::data(what).help("leave it out of `mag`").in_column(name));
+                    return Err(Fault::data(what).help("remove it from `mag`").in_column(name));
                 }
                 measured_nt.iter_mut().for_each(|m| *m -= offset_nt);
             }
@@ -234,7 +234,7 @@ impl Flown<'_> {
         Ok(())
     }
 
-    /// Sets one sigma of each measurement, from the sensors, their number, and the map.
+    /// Sets the standard deviation of each measurement, from the sensors, their number, and the map.
     pub(super) fn set_sigma(&mut self) {
         let of = |row: usize| {
             let own_nt = self.own_sigma_nt(row) / f64::sqrt(self.counts[row]);

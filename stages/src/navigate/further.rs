@@ -1,5 +1,5 @@
-//! Measurements beside the scalar field: the difference of two magnetometers, the field's vector, a height; the map's error
-//! as a state, and samples where the map is too flat.
+//! Measurements besides the scalar field: the difference of two magnetometers, the field vector, a height. Also the map
+//! error as a state, and samples where the map is too flat.
 
 use arrow_array::ArrayRef;
 use numerics::{
@@ -20,79 +20,82 @@ use super::filter::{Flight, Flown, Track, Update, enough, state_arrays};
 use crate::columns::{array, data, faults_of, floats};
 
 params! {
-    /// Measurements beside the scalar field.
+    /// Measurements besides the scalar field.
     pub struct Further;
-    /// Two scalar magnetometers, each compensated by itself, whose difference (first minus second) is a measurement of the
-    /// map's slope along the line between them. Free of the temporal variation, and of all else that they have in common.
-    /// Needs `map_interpolation = "cubic"`: the slope of a bilinear map has steps.
-    gradient: Option<[String; 2]>, unit "nT", absent "no difference is measured";
-    /// From the second of `gradient` to the first, along nose, right and down. It is turned by the INS' attitude, whose estimated
-    /// error is part of the measurement.
-    gradient_baseline_m: Option<[f64; 3]>, unit "m", absent "it has to be said with `gradient`", rule Rule::Finite;
-    /// One sigma of the white noise of the difference.
+    /// Two compensated scalar magnetometers. Their difference, first minus second, measures the slope of the map along
+    /// the line between them. It is free of the temporal variation and of all other common errors. Requires
+    /// `map_interpolation = "cubic"`, because the slope of a bilinear map has steps.
+    gradient: Option<[String; 2]>, unit "nT", absent "the difference is not measured";
+    /// Vector from the second magnetometer of `gradient` to the first, body frame: nose, right, down. It is rotated by
+    /// the attitude of the INS, whose estimated error is part of the measurement.
+    gradient_baseline_m: Option<[f64; 3]>, unit "m", absent "required with `gradient`", rule Rule::Finite;
+    /// Standard deviation of the white noise of the difference.
     gradient_sigma_nt: f64, unit "nT", default 0.1, rule Rule::Positive;
-    /// One sigma of what lasts of the difference, such as what two calibrations leave undetermined.
+    /// Standard deviation of the slow error of the difference, such as the undetermined constants of two calibrations.
     gradient_bias_sigma_nt: f64, unit "nT", default 1.0, rule Rule::NotNegative;
-    /// Time constant of what lasts of the difference.
+    /// Time constant of the slow error of the difference.
     gradient_bias_tau_s: f64, unit "s", default 3600.0, rule Rule::Positive;
-    /// One sigma of the error of the map's slope along that line, which the difference has times the baseline: it lasts along the
-    /// track, as the map's anomalies do. `"auto"` takes the value with the most likely innovations of the difference, so that a
-    /// map of sparse lines is known to be one. Where the map has no slope upwards (one height, no `map_levels_m`), the error
-    /// moreover holds the height between the two times the root mean square of the slope.
+    /// Standard deviation of the error of the map's slope along that line. The baseline times this error enters the
+    /// difference. The error is correlated along the track like the map's anomalies. `"auto"` uses the value of maximum
+    /// likelihood of the innovations of the difference, which also detects maps of sparse lines. For a map without a
+    /// vertical slope (one height, no `map_levels_m`), the error increases by the vertical baseline times the rms
+    /// slope.
     gradient_slope_sigma: OrAuto, unit "nT/m", default OrAuto::Auto, rule Rule::NotNegative;
-    /// Whether `mag` corrects the INS too. `false` leaves that to the difference and the vector, as in a magnetic storm.
+    /// Uses `mag` for the measurement update too. `false` uses only the difference and the vector, as in a magnetic
+    /// storm.
     use_scalar: bool, unit "", default true;
-    /// One sigma of the white noise of each component of `vector`, which makes the vector a measurement: of the attitude
-    /// about the field, and of the scalar field once more. It needs `core_field`, and a vector magnetometer calibrated by
-    /// itself.
-    vector_sigma_nt: Option<f64>, unit "nT", absent "the vector is no measurement", rule Rule::Positive;
-    /// One sigma of the bias of each component: of 50,000 nT, 50 are 0.06 degrees.
+    /// Standard deviation of the white noise of each component of `vector`. If set, the vector is a measurement of the
+    /// attitude about the field and of the scalar field. Requires `core_field` and a vector magnetometer with its own
+    /// calibration.
+    vector_sigma_nt: Option<f64>, unit "nT", absent "the vector is not measured", rule Rule::Positive;
+    /// Standard deviation of the bias of each component. In a field of 50,000 nT, 50 nT correspond to 0.06°.
     vector_bias_sigma_nt: f64, unit "nT", default 50.0, rule Rule::NotNegative;
     /// Time constant of the bias.
     vector_bias_tau_s: f64, unit "s", default 3600.0, rule Rule::Positive;
-    /// One sigma of each component of the crustal field that a map of the scalar anomaly does not tell: about that of the
-    /// anomaly.
+    /// Standard deviation of each component of the crustal field that a map of the scalar anomaly does not determine;
+    /// about the standard deviation of the anomaly.
     vector_crustal_sigma_nt: f64, unit "nT", default 50.0, rule Rule::NotNegative;
-    /// The distance over which that lasts: about the height above the sources.
+    /// Correlation length of that component; about the height above the sources.
     vector_crustal_length_m: f64, unit "m", default 1000.0, rule Rule::Positive;
-    /// Heights above the ellipsoid as a measurement, such as `baro` of a barometer that does not aid the INS already.
-    height: Option<String>, unit "m", absent "the height is that of the INS and its barometer";
-    /// One sigma of the white noise of the height.
+    /// Column of measured heights above the ellipsoid, such as `baro` of a barometer that does not already aid the INS.
+    height: Option<String>, unit "m", absent "the height of the INS and its barometer is used";
+    /// Standard deviation of the white noise of the height.
     height_sigma_m: f64, unit "m", default 3.0, rule Rule::Positive;
-    /// One sigma of what lasts of the height's error: the weather, or the geoid.
+    /// Standard deviation of the slow error of the height, from the weather or the geoid.
     height_bias_sigma_m: f64, unit "m", default 30.0, rule Rule::NotNegative;
-    /// Time constant of what lasts of the height's error.
+    /// Time constant of the slow error of the height.
     height_bias_tau_s: f64, unit "s", default 3600.0, rule Rule::Positive;
-    /// One sigma of the map's error as a state that lasts along the track.
-    map_sigma_nt: Option<f64>, unit "nT", absent "the map's error is no state", rule Rule::NotNegative;
-    /// The distance over which the correlation of that error falls to 1/e.
+    /// Standard deviation of the map error as a state that is correlated along the track.
+    map_sigma_nt: Option<f64>, unit "nT", absent "the map error is not estimated", rule Rule::NotNegative;
+    /// Distance over which the autocorrelation of the map error falls to 1/e.
     map_sigma_length_m: f64, unit "m", default 500.0, rule Rule::Positive;
-    /// One sigma of the delay of the magnetometer's time stamps before the line: the delay is then a state of the filter,
-    /// constant along the line. A sample that is stamped `t` was measured at `t` less the delay, which may be negative. Appends
-    /// `mag_latency` and `mag_latency_sigma`. Of `ekf`, `iekf` and `ukf`.
+    /// Standard deviation, before the line, of the delay of the magnetometer's time stamps. If set, the delay is a
+    /// state of the filter, constant along the line. A sample stamped `t` was measured at `t` minus the delay, which
+    /// may be negative. Appends `mag_latency` and `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`.
     mag_latency_sigma_s: Option<f64>, unit "s", absent "time stamps are exact", rule Rule::Positive;
-    /// Where one sigma of a measurement is more than so many metres of the map's horizontal slope, the sample tells no
-    /// position: it is `flat`, and corrects the temporal variation and the map's error alone. Appends `map_slope`.
-    flat_over_m: Option<f64>, unit "m", absent "no sample is too flat", rule Rule::Positive;
+    /// Largest standard deviation of a measurement, divided by the map's horizontal slope, for which the sample
+    /// observes the position. Above it the sample is `flat` and corrects only the temporal variation and the map error.
+    /// Appends `map_slope`.
+    flat_over_m: Option<f64>, unit "m", absent "all samples observe the position", rule Rule::Positive;
 }
 
-/// The slope of the predicted field.
+/// Column with the slope of the predicted field.
 pub(crate) const MAP_SLOPE: &str = "map_slope";
 
 impl Further {
-    /// Whether there is any.
+    /// Whether any further measurement is set.
     pub(super) fn is_any(&self) -> bool {
         let Self { gradient, vector_sigma_nt, height, map_sigma_nt, mag_latency_sigma_s, flat_over_m, .. } = self;
         let numbers = [vector_sigma_nt, map_sigma_nt, mag_latency_sigma_s, flat_over_m];
         gradient.is_some() || height.is_some() || numbers.iter().any(|number| number.is_some())
     }
 
-    /// Whether it needs the direction of the field.
+    /// Whether the direction of the field is required.
     pub(super) fn takes_direction(&self) -> bool {
         self.vector_sigma_nt.is_some()
     }
 
-    /// The columns that are read.
+    /// Columns that are read.
     pub(super) fn reads(&self, flight: &Flight) -> Result<Vec<String>, Vec<Fault>> {
         let mut faults = vec![];
         let mut reads: Vec<String> = vec![];
@@ -104,40 +107,41 @@ impl Further {
             match self.gradient_baseline_m {
                 None => {
                     let fault =
-                        Fault::new("`gradient` needs the line between the magnetometers, `gradient_baseline_m`");
+                        Fault::new("`gradient` requires `gradient_baseline_m`, the vector between the magnetometers");
                     faults.push(fault.of_param("gradient"));
                 }
                 Some(baseline) if baseline.iter().all(|part| *part == 0.0) => {
-                    faults.push(Fault::new("`gradient_baseline_m` has no length").of_param("gradient_baseline_m"));
+                    faults.push(Fault::new("`gradient_baseline_m` has length 0").of_param("gradient_baseline_m"));
                 }
                 Some(_) => {}
             }
             if flight.interpolation == Interpolation::Linear {
-                let what = "`gradient` measures the map's slope, which has steps where the map is bilinear";
-                faults.push(Fault::new(what).of_param("gradient").help("say `map_interpolation = \"cubic\"`"));
+                let what = "`gradient` measures the map's slope, which has steps in a bilinear map";
+                faults.push(Fault::new(what).of_param("gradient").help("set `map_interpolation = \"cubic\"`"));
             }
             reads.extend(names.iter().cloned());
         }
         if !self.use_scalar && self.gradient.is_none() && self.vector_sigma_nt.is_none() {
-            let what = "without the scalar field nothing of the map is measured";
+            let what = "without the scalar field no measurement depends on the map";
             faults.push(Fault::new(what).of_param("use_scalar").help("name two magnetometers in `gradient`"));
         }
         if self.vector_sigma_nt.is_some() {
             if !flight.has_direction {
-                let what = "`vector_sigma_nt` is of a measured vector: `vector`, the name of a vector magnetometer";
+                let what = "`vector_sigma_nt` requires `vector`, the name of a vector magnetometer";
                 faults.push(Fault::new(what).of_param("vector_sigma_nt"));
             }
             if !flight.core_field {
-                let what = "a measured vector holds the core field, of which `core_field = false` is without";
+                let what = "`vector_sigma_nt` requires `core_field = true`: the vector contains the core field";
                 faults.push(Fault::new(what).of_param("vector_sigma_nt"));
             }
         }
         if let Some(height) = &self.height {
             let found = flight.shape.number(height, "m");
             if found.is_ok() && flight.shape.get(height).is_some_and(|column| column.role == Role::Truth) {
-                let what = format!("`{height}` is a truth column, and no height that an aircraft measures");
-                faults
-                    .push(Fault::new(what).of_param("height").help("name a barometer's or a radar's, such as `baro`"));
+                let what = format!("`{height}` is a truth column, not a measured height");
+                faults.push(
+                    Fault::new(what).of_param("height").help("name the column of a barometer or radar, such as `baro`"),
+                );
             }
             faults.extend(faults_of([found], "height"));
             reads.push(height.clone());
@@ -145,7 +149,7 @@ impl Further {
         if faults.is_empty() { Ok(reads) } else { Err(faults) }
     }
 
-    /// Why a key has no say.
+    /// Fault of a key that has no effect.
     pub(super) fn idle(&self, key: &str) -> Option<Fault> {
         let owner = match key {
             "gradient_baseline_m"
@@ -166,27 +170,31 @@ impl Further {
             "map_sigma_length_m" if self.map_sigma_nt.is_none() => "map_sigma_nt",
             _ => return None,
         };
-        Some(Fault::new(format!("`{key}` has no say without `{owner}`")).of_param(key))
+        Some(Fault::new(format!("`{key}` has no effect without `{owner}`")).of_param(key))
     }
 
-    /// What is handed out beside the columns of the filter.
+    /// Columns besides those of the filter.
     pub(super) fn columns(&self) -> Vec<Column> {
         let mut columns = vec![];
         if self.gradient.is_some() {
             columns.push(Column::float("gradient_residual", "nT", "innovation of the difference of two magnetometers"));
-            columns.push(Column::float("gradient_nis", "1", "the same squared over its variance"));
+            columns.push(Column::float("gradient_nis", "1", "normalised innovation squared of the difference"));
         }
         if self.vector_sigma_nt.is_some() {
-            columns.push(Column::float("vector_residual", "nT", "length of the innovation of the vector"));
-            columns.push(Column::float("vector_nis", "1", "mean of its squared components over their variances"));
+            columns.push(Column::float("vector_residual", "nT", "magnitude of the innovation of the vector"));
+            columns.push(Column::float(
+                "vector_nis",
+                "1",
+                "mean normalised innovation squared of the components of the vector",
+            ));
         }
         if self.height.is_some() {
             columns.push(Column::float("height_residual", "m", "innovation of the height"));
-            columns.push(Column::float("height_nis", "1", "the same squared over its variance"));
+            columns.push(Column::float("height_nis", "1", "normalised innovation squared of the height"));
         }
         if self.mag_latency_sigma_s.is_some() {
             columns.push(Column::float("mag_latency", "s", "estimated delay of the magnetometer's time stamps"));
-            columns.push(Column::float("mag_latency_sigma", "s", "one sigma of the same"));
+            columns.push(Column::float("mag_latency_sigma", "s", "standard deviation of `mag_latency`"));
         }
         if self.flat_over_m.is_some() {
             let what = "horizontal slope of the predicted field at the estimate; NaN off the map";
@@ -195,27 +203,28 @@ impl Further {
         columns
     }
 
-    /// Why it needs the scalar field, in a filter that finds what only that tells, and takes its time stamps as exact.
+    /// Rejects `use_scalar = false` and a delay of the magnetometer in a filter that requires the scalar field.
     pub(super) fn needs_scalar(&self, what_for: &str) -> Result<Vec<String>, Vec<Fault>> {
         if self.use_scalar {
             return self.no_latency();
         }
-        Err(vec![
-            Fault::new(format!("without the scalar field there is nothing to find {what_for} by"))
-                .of_param("use_scalar"),
-        ])
+        Err(vec![Fault::new(format!("without the scalar field {what_for} cannot be estimated")).of_param("use_scalar")])
     }
 
     /// Rejects a delay of the magnetometer in a filter that does not estimate it.
     pub(super) fn no_latency(&self) -> Result<Vec<String>, Vec<Fault>> {
         let fault = |_| {
-            let what = "`mag_latency_sigma_s` is a state of `ekf`, `iekf` and `ukf` alone";
-            vec![Fault::new(what).of_param("mag_latency_sigma_s").help("choose one of these filters to find the delay")]
+            let what = "`mag_latency_sigma_s` is available only in `ekf`, `iekf` and `ukf`";
+            vec![
+                Fault::new(what)
+                    .of_param("mag_latency_sigma_s")
+                    .help("set `filter` to one of these to estimate the delay"),
+            ]
         };
         self.mag_latency_sigma_s.map_or(Ok(vec![]), |sigma_s| Err(fault(sigma_s)))
     }
 
-    /// What is computed of the columns.
+    /// Values computed from the columns.
     pub(super) fn measured(&self, flown: &Flown) -> Result<Measured, Fault> {
         let Some(names) = &self.gradient else { return Ok(Measured::default()) };
         let [first, second] = names.each_ref().map(|name| floats(flown.columns, name));
@@ -270,14 +279,14 @@ impl Further {
         aided::run(line, &self.aids(flown, &measured)?, parameters).map_err(data)
     }
 
-    /// Refuses a line of which no measurement could be used.
+    /// Rejects a line without a usable measurement.
     pub(super) fn enough(&self, flown: &Flown, report: &NavigationReport) -> Result<(), Fault> {
         if self.use_scalar {
             return enough(flown, report);
         }
         if report.updates == 0 {
             return Err(Fault::data("no sample of the difference or the vector could be used")
-                .help("does the map cover the flight?"));
+                .help("check that the map covers the flight"));
         }
         Ok(())
     }
@@ -304,8 +313,8 @@ impl Further {
         more
     }
 
-    /// The track of what [`Further::filter`] answers: of a filter's own columns first the bend of the map (where `bend`),
-    /// then the states, then those of [`Further::columns`].
+    /// Track of the output of [`Further::filter`]. Its columns are: the nonlinearity of the map (where `bend`), the
+    /// states (where `states`), and those of [`Further::columns`].
     pub(super) fn track(&self, flown: &Flown, mut out: AidedOutput, bend: bool, states: bool) -> Result<Track, Fault> {
         self.enough(flown, &out.navigation.report)?;
         let mut more = vec![];
@@ -321,12 +330,12 @@ impl Further {
     }
 }
 
-/// What is computed of the columns before a line is filtered.
+/// Values computed from the columns before a line is filtered.
 #[derive(Default)]
 pub(super) struct Measured {
     difference_nt: Vec<f64>,
     slope: MapSlope,
-    /// One sigma of the error of the map's slope along the baseline, in nT/m.
+    /// Standard deviation of the error of the map's slope along the baseline, in nT/m.
     slope_sigma: f64,
 }
 
@@ -336,7 +345,7 @@ impl Measured {
     }
 }
 
-/// What became of the samples.
+/// Outcomes of the samples.
 pub(super) fn updates(usage: &[Usage]) -> Vec<Update> {
     let word = |usage: &Usage| match usage {
         Usage::Used => Update::Used,

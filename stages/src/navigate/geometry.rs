@@ -1,4 +1,4 @@
-//! The direction of the field in a scalar sensor, which its noise and its error depend on.
+//! Direction of the field in a scalar sensor, which determines its noise and heading error.
 
 use arrow_array::RecordBatch;
 use schemas::{Fault, Rule, Shape, choice, params};
@@ -6,67 +6,68 @@ use schemas::{Fault, Rule, Shape, choice, params};
 use crate::columns::{faults_of, floats, vector_axes};
 
 choice! {
-    /// Where the signal of an optically pumped magnetometer vanishes.
+    /// Directions in which the signal of an optically pumped magnetometer vanishes.
     #[derive(Default)]
     pub enum DeadZones {
-        /// Nowhere, or nobody knows.
+        /// None, or unknown.
         #[default]
         None = "none",
-        /// Along its axis: the amplitude goes with |sin θ|.
+        /// Along its axis: the amplitude is proportional to |sin θ|.
         Polar = "polar",
-        /// Along and across its axis: the amplitude of a self-oscillating sensor goes with |sin 2θ| [Bloom 1962].
+        /// Along and across its axis: the amplitude of a self-oscillating sensor is proportional to |sin 2θ| [Bloom
+        /// 1962].
         PolarAndEquatorial = "polar_and_equatorial",
     }
 }
 
-/// Below this part of its largest amplitude a sensor has no reading.
+/// Fraction of the largest amplitude below which a sensor has no reading.
 const LEAST_AMPLITUDE: f64 = 0.1;
 
 params! {
-    /// How a scalar sensor lies in the field.
+    /// Orientation of a scalar sensor in the field.
     pub struct SensorGeometry;
-    /// The vector magnetometer that tells the direction of the field, such as `flux_a`. Its noise hardly matters here, nor
-    /// does the aircraft's field at it.
-    vector: Option<String>, unit "", absent "the noise is the same in every attitude";
-    /// The axis of the scalar sensor, in the frame of the vector magnetometer (nose, right, down).
+    /// Vector magnetometer that gives the direction of the field, such as `flux_a`. Its noise and the aircraft field at
+    /// it are negligible here.
+    vector: Option<String>, unit "", absent "equal noise in all attitudes";
+    /// Axis of the scalar sensor in the frame of the vector magnetometer: nose, right, down.
     sensor_axis: [f64; 3], unit "1", default [1.0, 0.0, 0.0], rule Rule::Finite;
-    /// Where the sensor has no signal. Its noise is `measurement_sigma_nt` at the largest amplitude and grows as that falls;
-    /// a sample with less than a tenth of it has no measurement.
+    /// Dead zones of the sensor. The noise is `measurement_sigma_nt` at the largest amplitude and inversely
+    /// proportional to the amplitude. A sample below a tenth of the largest amplitude has no measurement.
     dead_zones: DeadZones, unit "", default DeadZones::None;
 }
 
 impl SensorGeometry {
-    /// What is wrong with it on a flight. `wanted` says whether the filter needs the direction for itself.
+    /// Faults on a flight. `wanted`: the filter requires the direction.
     pub(super) fn faults(&self, shape: &Shape, wanted: bool) -> Vec<Fault> {
         let Some(vector) = &self.vector else {
             let none = self.dead_zones == DeadZones::None;
-            let what = "`dead_zones` needs the direction of the field: `vector`, the name of a vector magnetometer";
+            let what = "`dead_zones` requires the direction of the field: set `vector` to a vector magnetometer";
             return if none { vec![] } else { vec![Fault::new(what).of_param("dead_zones")] };
         };
         let mut faults = faults_of(vector_axes(vector).iter().map(|axis| shape.number(axis, "nT")), "vector");
         if self.sensor_axis.iter().all(|part| *part == 0.0) {
-            faults.push(Fault::new("`sensor_axis` has no direction").of_param("sensor_axis"));
+            faults.push(Fault::new("`sensor_axis` has length 0").of_param("sensor_axis"));
         }
         if self.dead_zones == DeadZones::None && !wanted {
-            let what = "`vector` has no say: neither the noise nor the filter depends on the field's direction";
-            let help = "leave it out, or say `dead_zones`";
+            let what = "`vector` has no effect: neither the noise nor the filter depends on the field's direction";
+            let help = "remove it, or set `dead_zones`";
             faults.push(Fault::new(what).of_param("vector").help(help));
         }
         faults
     }
 
-    /// Why a key has no say.
+    /// Fault of a key that has no effect.
     pub(super) fn idle(&self, key: &str) -> Option<Fault> {
         (key == "sensor_axis" && self.vector.is_none())
-            .then(|| Fault::new("`sensor_axis` has no say without `vector`").of_param(key))
+            .then(|| Fault::new("`sensor_axis` has no effect without `vector`").of_param(key))
     }
 
-    /// The columns that are read.
+    /// Columns that are read.
     pub(super) fn reads(&self) -> Vec<String> {
         self.vector.iter().flat_map(|vector| vector_axes(vector)).collect()
     }
 
-    /// The vector along a line, in nT.
+    /// Vector along a line, in nT.
     pub(super) fn field<'a>(&self, batch: &'a RecordBatch) -> Result<Option<[&'a [f64]; 3]>, Fault> {
         let Some(vector) = &self.vector else { return Ok(None) };
         let [x, y, z] = vector_axes(vector).map(|axis| floats(batch, &axis));
@@ -84,7 +85,7 @@ impl SensorGeometry {
         x.iter().zip(y.iter().zip(z)).map(of).collect()
     }
 
-    /// What one sigma is multiplied by at an angle of this cosine; NaN where there is no signal, or no angle.
+    /// Factor on the standard deviation at an angle of this cosine; NaN without signal or angle.
     pub(super) fn noise_factor(&self, cosine: f64) -> f64 {
         let sine = (1.0 - cosine * cosine).max(0.0).sqrt();
         let amplitude = match self.dead_zones {
@@ -134,11 +135,11 @@ mod tests {
         let faults = geometry(DeadZones::Polar).faults(&shape, false);
         assert!(faults.len() == 1 && faults[0].what.contains("flux_a_z"), "{faults:?}");
         let idle = SensorGeometry { vector: None, ..geometry(DeadZones::Polar) };
-        assert!(idle.faults(&shape, true)[0].what.contains("needs the direction"));
+        assert!(idle.faults(&shape, true)[0].what.contains("requires the direction"));
         assert!(idle.idle("sensor_axis").is_some() && idle.idle("vector").is_none());
         let none = geometry(DeadZones::None).faults(&shape, false);
-        assert!(none.iter().any(|fault| fault.what.contains("has no say")), "{none:?}");
+        assert!(none.iter().any(|fault| fault.what.contains("has no effect")), "{none:?}");
         let flat = SensorGeometry { sensor_axis: [0.0; 3], ..geometry(DeadZones::Polar) };
-        assert!(flat.faults(&shape, false).iter().any(|fault| fault.what.contains("no direction")));
+        assert!(flat.faults(&shape, false).iter().any(|fault| fault.what.contains("length 0")));
     }
 }

@@ -14,24 +14,25 @@ use super::further::Further;
 use crate::columns::data;
 
 filter! {
-    /// The 18-state extended Kalman filter that linearises the map again at each estimate of a sample, until the most
-    /// probable state is found. Where the position error is not small against the wavelengths of the map, the single
-    /// linearisation of `ekf` is wrong and too sure of itself; this one holds on to errors several times as large, at
-    /// little more cost.
+    /// The 18-state iterated extended Kalman filter. It linearises the map again at each estimate of a sample until it
+    /// finds the most probable state. If the position error is not small compared with the wavelengths of the map, the
+    /// single linearisation of `ekf` is inaccurate and overconfident. This filter tolerates errors several times as
+    /// large in little more time.
     ///
-    /// A step that would make the state less probable is halved. With `iterations = 1` it is `ekf`.
+    /// A step that would make the state less probable is halved. With `iterations = 1` the filter is `ekf`.
     ///
-    /// Source: Jazwinski 1970, chapter 8; Bell and Cathey 1993, with the line search that they leave out.
+    /// Source: Jazwinski 1970, chapter 8; Bell & Cathey 1993, with a line search added.
     Iekf = "iekf", version 2, groups [aiding: Aiding, further: Further], example "iterations = 5";
-    /// The most linearisations of the map at a sample.
+    /// Maximum number of linearisations of the map per sample.
     iterations: usize, unit "1", default 5usize, rule Rule::Between(1.0, 1000.0);
-    /// A step that moves the position by less than this is the last.
+    /// Position change of a step below which the iteration ends.
     tolerance_m: f64, unit "m", default 0.1, rule Rule::Positive;
-    /// Append the state `x` and its covariance `p` (row-major).
+    /// Appends the state `x` and its covariance `p` (row-major).
     save_state: bool, unit "", default false;
-    /// A measurement whose squared innovation over its variance is above this is not used.
-    gate_nis: Option<f64>, unit "1", absent "outliers are rejected before the filter, or none with `tuning = \"magnav\"`", rule Rule::Positive;
-    /// How the process noise becomes a step's covariance: to second order, to first order as MagNav.jl, or exactly.
+    /// Largest NIS (squared innovation over its variance) of a measurement. Larger ones are rejected.
+    gate_nis: Option<f64>, unit "1",
+        absent "no gate; `tuning = \"auto\"` rejects outliers before the filter", rule Rule::Positive;
+    /// Discretisation of the process noise: to second order, to first order as in MagNav.jl, or exact.
     discretisation: NoiseDiscretisation, unit "", default NoiseDiscretisation::Trapezoidal;
 }
 
@@ -63,7 +64,7 @@ impl NavigationFilter for Iekf {
 
     fn idle(&self, key: &str) -> Option<Fault> {
         let idle = key == "tolerance_m" && self.iterations == 1;
-        idle.then(|| Fault::new("`tolerance_m` has no say with `iterations = 1`").of_param("tolerance_m"))
+        idle.then(|| Fault::new("`tolerance_m` has no effect with `iterations = 1`").of_param("tolerance_m"))
             .or_else(|| self.aiding.idle(key))
             .or_else(|| self.further.idle(key))
     }
@@ -121,8 +122,8 @@ mod tests {
 
     #[test]
     fn unit_keys_without_a_say_are_told() {
-        assert_refused("iekf", "iterations = 1\ntolerance_m = 1.0", "no say with `iterations = 1`");
+        assert_refused("iekf", "iterations = 1\ntolerance_m = 1.0", "no effect with `iterations = 1`");
         assert_refused("iekf", "iterations = 0", "iterations");
-        assert_refused("iekf", "gnss_sigma_m = 1.0", "no say without `gnss_lost_s`");
+        assert_refused("iekf", "gnss_sigma_m = 1.0", "no effect without `gnss_lost_s`");
     }
 }

@@ -1,4 +1,4 @@
-//! The INS of a line, with what it lacks derived.
+//! INS of a line. Missing columns are derived.
 
 use std::borrow::Cow;
 
@@ -16,7 +16,7 @@ use crate::columns::{data, floats};
 
 type Three<'a> = [Cow<'a, [f64]>; 3];
 
-/// The columns of an INS.
+/// Columns of an INS.
 pub(super) struct Ins<'a> {
     tt_s: &'a [f64],
     position: Three<'a>,
@@ -30,7 +30,7 @@ fn three<'a>(batch: &'a RecordBatch, names: [&str; 3]) -> Result<[&'a [f64]; 3],
 }
 
 impl<'a> Ins<'a> {
-    /// Borrows the columns that are there, and derives the others.
+    /// Borrows the columns of the batch and derives the missing ones.
     pub(super) fn of(batch: &'a RecordBatch) -> Result<Self, Fault> {
         let tt_s = floats(batch, "tt")?;
         let position @ [lat_deg, lon_deg, alt_m] = three(batch, POSITION)?;
@@ -58,7 +58,7 @@ impl<'a> Ins<'a> {
         Ok(Self { tt_s, position: position.map(Cow::Borrowed), velocity, force, attitude })
     }
 
-    /// The INS corrected by a fix at a row near its start.
+    /// Corrects the INS by a fix at a row near its start.
     pub(super) fn corrected(self, fix: &Fix, row: usize) -> Self {
         let series = self.series();
         let rest = series.from(row);
@@ -74,7 +74,7 @@ impl<'a> Ins<'a> {
         Self { position, velocity, ..self }
     }
 
-    /// The columns as the filter takes them.
+    /// Columns as input of a filter.
     pub(super) fn series(&self) -> InsSeries<'_> {
         let ([lat, lon, alt], [vn, ve, vd]) =
             (self.position.each_ref().map(|c| &**c), self.velocity.each_ref().map(|c| &**c));
@@ -88,7 +88,7 @@ impl<'a> Ins<'a> {
         &self.position[2]
     }
 
-    /// The mean way from one sample to the next, in metres.
+    /// Mean distance from one sample to the next, in m.
     pub(super) fn step_m(&self) -> f64 {
         let [vn_mps, ve_mps, _] = &self.velocity;
         let speed_mps = vn_mps.iter().zip(ve_mps.iter()).map(|(n, e)| n.hypot(*e)).sum::<f64>() / vn_mps.len() as f64;

@@ -1,4 +1,4 @@
-//! The INS by itself.
+//! The INS without magnetic measurements.
 
 use numerics::navigation::{ins_only, output::NavigationOutput};
 use schemas::Fault;
@@ -8,10 +8,9 @@ use super::filter::{Flight, Flown, NavigationFilter, Track, Update, filter};
 use crate::columns::data;
 
 filter! {
-    /// The INS by itself, with the covariance that its error sources give it: what the others are held against. It takes
-    /// no measurement of the field, whatever `mag` names, so that `residual` and `nis` are NaN and `update` is `unused`, and
-    /// needs no map. With
-    /// `gnss_lost_s` it is an INS that GNSS aids until it is lost.
+    /// The INS without magnetic measurements, with the covariance of its error sources: the baseline for the other
+    /// filters. It uses neither `mag` nor a map, so `residual` and `nis` are NaN and `update` is `unused`. With
+    /// `gnss_lost_s`, GNSS aids the INS until it is lost.
     InsOnly = "ins_only", version 1, groups [aiding: Aiding], example "";
 }
 
@@ -71,7 +70,7 @@ mod tests {
         // The drift is known by then, to a few millimetres a second.
         assert!(found.error_m(ROWS - 1) < 20.0, "{}", found.error_m(ROWS - 1));
         assert!(found.numbers("sd_n")[ROWS - 1] > found.numbers("sd_n")[399]);
-        assert_refused("ins_only", "gnss_lost_s = [400.0, 300.0]", "after it is found");
+        assert_refused("ins_only", "gnss_lost_s = [400.0, 300.0]", "recovered earlier");
         assert_refused("ins_only", "gnss_lost_s = [0.0, 300.0]\ngnss = ['lat', 'lon', 'height']", "height");
     }
 }

@@ -11,49 +11,51 @@ use super::filter::{Flight, Flown, NavigationFilter, Track, filter};
 use super::further::{Further, updates};
 use crate::columns::{array, data, list};
 
-/// Modes in the columns of `modes`; a mode has at least a hundredth of the weight, and more than three are a cloud.
+/// Number of modes in the column `modes`. A mode has at least 1 % of the weight; more than three modes are a diffuse
+/// cloud.
 const MODES: usize = 3;
-/// Numbers of a mode.
+/// Values per mode.
 const MODE_NAMES: [&str; 6] = ["weight", "lat", "lon", "sd_n", "sd_e", "cov_ne"];
 
 filter! {
-    /// The marginalised particle filter: particles for the position, a Kalman filter given the position for the other
-    /// 16 states. Use it for an INS lost by kilometres (`init_position_sigma_m`, with 10000 particles) or over a map
-    /// that is alike in several places: with `save_modes` it hands out the probability of each. A nominal INS is as
-    /// well served by `ekf`, seventy times as fast.
+    /// The marginalised particle filter: particles for the horizontal position, and one Kalman filter given the
+    /// position for the other 16 states. Use it for an INS lost by kilometres (`init_position_sigma_m`, with 10,000
+    /// particles), or on a map with several similar places: `save_modes` returns the probability of each. For a
+    /// navigation-grade INS `ekf` is as accurate and seventy times as fast.
     ///
-    /// The estimate is the mean over all particles. A particle off the map keeps its weight relative to the others
-    /// together; a sample with less than a tenth of the weight on the map is `off_map`. A measurement that no particle
-    /// explains to six sigma is `gated`, whatever `gate_nis`: many in a row mean that the particles have lost the
-    /// aircraft, and the line is refused when most of its measurements are.
+    /// The estimate is the mean over all particles. Particles off the map keep their total weight relative to the
+    /// others. A sample with less than a tenth of the weight on the map is `off_map`. A measurement outside six
+    /// standard deviations of every particle is `gated`, regardless of `gate_nis`. Many such measurements in a row mean
+    /// that the particles have lost the aircraft. The line is rejected when most of its measurements are gated in this
+    /// way.
     ///
-    /// Of further measurements each particle holds the biases, and the map's error, as it does the linear states. The
-    /// particles weigh by the map's values and not by its slope, so that `flat_over_m` is refused: `map_sigma_nt` says what
-    /// the map errs by.
+    /// Biases of further measurements and the map error are linear states of each particle. The weights depend on the
+    /// values of the map, not on its slope, so `flat_over_m` is rejected; use `map_sigma_nt` for the map error.
     ///
-    /// Source: Schön, Gustafsson & Nordlund (2005), resampled from a kernel density (Musso, Oudjane & Le Gland 2001)
-    /// whose part in the linear states is marginalised too. Seeded; the same bits on any number of threads.
+    /// Source: Schön, Gustafsson & Nordlund 2005; resampling from a kernel density (Musso, Oudjane & Le Gland 2001)
+    /// that is marginalised in the linear states too. The same seed gives the same bits on any number of threads.
     Mpf = "mpf", version 1, groups [aiding: Aiding, further: Further], example "particles = 2000";
-    /// The number of particles: 1000 for an INS known to hundreds of metres, 10000 for one lost by kilometres, and with a
-    /// measurement as sharp as `gradient`.
+    /// Number of particles: 1000 for an INS known to hundreds of metres; 10,000 for an INS lost by kilometres or with a
+    /// measurement as precise as `gradient`.
     particles: usize, unit "1", default 1000usize, rule Rule::Between(1.0, 1000000.0);
-    /// Where the draws begin; the same seed gives the same bits on any number of threads.
+    /// Seed of all random draws. The same seed gives the same bits on any number of threads.
     seed: usize, unit "", default 0usize;
-    /// Resample when the effective number of particles falls below this part of their number. 0.5 is usual; more often
-    /// (MagNav.jl: 0.8) only adds noise.
+    /// Effective number of particles, as a fraction of all, below which they are resampled. 0.5 is usual; more frequent
+    /// resampling (MagNav.jl: 0.8) only adds noise.
     resample_threshold: f64, unit "1", default 0.5, rule Rule::Between(0.0, 1.0);
-    /// Resample from a kernel density. Without it a good INS, whose position error is driven by next to no noise,
-    /// leaves copies of a few particles and a covariance far too small.
+    /// Resamples from a kernel density. Otherwise, with a good INS, whose position error has almost no driving noise,
+    /// only copies of a few particles remain and the covariance is far too small.
     regularise: bool, unit "", default true;
-    /// A distance over which the map is nearly linear, about its height above the sources: a wider cloud has a kernel
-    /// for each of its parts. The slope that `gradient` measures is so over a third of that.
+    /// Distance over which the map is nearly linear; about its height above the sources. A wider cloud has one kernel
+    /// for each of its parts. The slope that `gradient` measures is linear over a third of this distance.
     smooth_over_m: f64, unit "m", default 200.0, rule Rule::Positive;
-    /// Noise for the position of each resampled particle, by axis, in ranges of the particles over the root of their
-    /// number; Gordon, Salmond & Smith (1993) use 0.2.
+    /// Standard deviation of the position noise of each resampled particle, per axis, in ranges of the particles
+    /// divided by the square root of their number. Gordon, Salmond & Smith 1993 use 0.2.
     roughening: f64, unit "1", default 0.0, rule Rule::NotNegative;
-    /// A measurement whose squared innovation over its variance, both of the whole cloud, is above this is not used.
-    gate_nis: Option<f64>, unit "1", absent "outliers are rejected before the filter, or none with `tuning = \"magnav\"`", rule Rule::Positive;
-    /// Append the three heaviest modes of the position to each sample. Takes half as long again.
+    /// Largest NIS of a measurement, for the mean and variance of the whole cloud; larger ones are rejected.
+    gate_nis: Option<f64>, unit "1",
+        absent "no gate; `tuning = \"auto\"` rejects outliers before the filter", rule Rule::Positive;
+    /// Appends the three most probable modes of the position to each sample. Takes 50 % more time.
     save_modes: bool, unit "", default false;
 }
 
@@ -67,11 +69,11 @@ impl NavigationFilter for Mpf {
     }
 
     fn columns(&self, _: &Flight) -> Vec<Column> {
-        let mut columns = vec![Column::float("n_eff", "1", "effective number of particles, before resampling")];
+        let mut columns = vec![Column::float("n_eff", "1", "effective number of particles before resampling")];
         if self.save_modes {
             let names = (1..=MODES).flat_map(|k| MODE_NAMES.iter().map(move |name| format!("{name}_{k}"))).collect();
-            let what = "probability, position (deg), one sigma north and east (m) and their covariance (m2) of the \
-                        modes of the position, the most probable first; NaN where there are fewer";
+            let what = "probability, position (deg), standard deviations north and east (m) and covariance (m2) of the \
+                        modes of the position, the most probable first; NaN for absent modes";
             columns.push(Column::list("modes", "", what, names));
         }
         columns.extend(self.further.columns());
@@ -80,8 +82,10 @@ impl NavigationFilter for Mpf {
 
     fn reads(&self, flight: &Flight) -> Result<Vec<String>, Vec<Fault>> {
         let flat = self.further.flat_over_m.map(|_| {
-            let what = "particles weigh by the map's values, not by its slope: none is too flat";
-            Fault::new(what).of_param("flat_over_m").help("say what the map errs by, `map_sigma_nt`")
+            let what = "the weights of particles do not depend on the map slope: `flat_over_m` is not available";
+            Fault::new(what)
+                .of_param("flat_over_m")
+                .help("remove `flat_over_m`, and set `map_sigma_nt` to the map error")
         });
         let flat = flat.map_or(Ok(vec![]), |fault| Err(vec![fault]));
         both(both(self.aiding.reads(flight), both(self.further.reads(flight), self.further.no_latency())), flat)
@@ -101,7 +105,7 @@ impl NavigationFilter for Mpf {
 
     fn idle(&self, key: &str) -> Option<Fault> {
         (key == "smooth_over_m" && !self.regularise)
-            .then(|| Fault::new("`smooth_over_m` has no say without `regularise`"))
+            .then(|| Fault::new("`smooth_over_m` has no effect without `regularise`"))
             .or_else(|| self.aiding.idle(key))
             .or_else(|| self.further.idle(key))
     }
@@ -126,8 +130,9 @@ impl NavigationFilter for Mpf {
         let usable = track.report.updates + track.report.gated;
         if 2 * report.unexplained > usable {
             let unexplained = report.unexplained;
-            let what = format!("no particle explains {unexplained} of {usable} measurements: the aircraft is lost");
-            let help = "more `particles`, a wider `init_position_sigma_m`, or an `offset_window_s`";
+            let what =
+                format!("{unexplained} of {usable} measurements contradict every particle: the aircraft is lost");
+            let help = "increase `particles` or `init_position_sigma_m`, or set `offset_window_s`";
             return Err(Fault::data(what).help(help));
         }
         self.further.enough(flown, &track.report)?;
@@ -141,7 +146,7 @@ impl NavigationFilter for Mpf {
     }
 }
 
-/// The numbers of the first modes.
+/// Values of the first modes.
 fn columns_of(modes: &[Mode]) -> Vec<f64> {
     let mut numbers = vec![];
     for k in 0..MODES {
@@ -173,7 +178,7 @@ mod tests {
         let elsewhere = with(&flight(), "mag_1_c", |row, nt| nt + 400.0 * (row as f64 / 9.0).sin());
         let fault = flown("mpf", "mag = 'mag_1_c'\nparticles = 200", &elsewhere).unwrap_err();
         assert!(fault.what.contains("the aircraft is lost") && fault.help.is_some(), "{fault:?}");
-        assert_refused("mpf", "regularise = false\nsmooth_over_m = 50.0", "no say without `regularise`");
+        assert_refused("mpf", "regularise = false\nsmooth_over_m = 50.0", "no effect without `regularise`");
         assert_refused("mpf", "particles = 0", "particles");
     }
 }

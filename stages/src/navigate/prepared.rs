@@ -1,4 +1,4 @@
-//! The map of a navigation as it is looked up: at its own height, at given heights, or at the heights of each line.
+//! The map of a navigation: at its own height, at given heights, or at the heights of each line.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -9,24 +9,24 @@ use schemas::Fault;
 use super::{Calibration, Navigate};
 use crate::{columns::floats, map_errors::MapErrors, maps::field_map};
 
-/// The map, and the models.
+/// Map and models.
 pub struct Prepared {
     pub(super) map: Option<PreparedMaps>,
     pub(super) models: Vec<Calibration>,
 }
 
-/// A map at the heights that lines need, each made once while it is kept.
+/// A map at the heights that lines require. Each level is computed once while it is cached.
 pub(super) struct PreparedMaps {
     table: RecordBatch,
     interpolation: Interpolation,
-    /// The levels of `map_levels_m`.
+    /// Levels of `map_levels_m`.
     levels_m: Option<Vec<f64>>,
     has_own_error: bool,
     ladder: Option<Ladder>,
     made: Mutex<Vec<Made>>,
 }
 
-/// The levels of a map, where it is continued, and the map.
+/// Levels of a continued map, and the map.
 type Made = (Option<Vec<f64>>, Arc<PreparedMap>);
 
 /// A map with its errors.
@@ -35,7 +35,7 @@ pub(super) struct PreparedMap {
     pub(super) errors: MapErrors,
 }
 
-/// Heights to which a map is continued where a line needs them.
+/// Heights to which a map is continued on demand.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Ladder {
     /// The map's own height, in m above the ellipsoid.
@@ -44,19 +44,20 @@ struct Ladder {
     cell_m: f64,
 }
 
-/// A height within this part of a cell of the map's own is the map's own.
+/// Height difference from the map's own height, in cells, below which the map is not continued.
 const SAME_HEIGHT: f64 = 0.05;
 /// Distance of two levels, in cells.
 const SPACING: f64 = 0.25;
-/// Most cells that a map is continued downward, which multiplies the shortest wave that the map can have by e^(pi x cells).
+/// Maximum downward continuation, in cells. It multiplies the shortest wave of the map by e^(pi x cells).
 const DOWNWARD: f64 = 1.0;
-/// Most maps that are kept: lines at many heights would fill the memory.
+/// Maximum number of maps that are cached: lines at many heights would fill the memory.
 const MOST_KEPT: usize = 8;
-/// Most levels of a line.
+/// Maximum number of levels per line.
 const MOST_LEVELS: f64 = 24.0;
 
 impl Ladder {
-    /// The levels for a line between two heights, in m: none where the map's own height will do, one for a level flight.
+    /// Levels for a line between two heights, in m: none where the map's own height is close enough, one for level
+    /// flight.
     fn levels_m(&self, low_m: f64, high_m: f64) -> Option<Vec<f64>> {
         let Self { own_m, cell_m } = *self;
         let near = SAME_HEIGHT * cell_m;
@@ -97,7 +98,7 @@ impl PreparedMaps {
         Ok(maps)
     }
 
-    /// The map for a line at these heights, in m above the ellipsoid.
+    /// Map for a line at these heights, in m above the ellipsoid.
     ///
     /// # Errors
     /// Fails as [`field_map`].
@@ -125,7 +126,7 @@ impl PreparedMaps {
     }
 }
 
-/// The one height of a map; `None` for a draped map, and where the height is unknown.
+/// Height of a level map; `None` for a draped map or an unknown height.
 fn level_m(alt_m: &[f64]) -> Option<f64> {
     let first = alt_m.first().copied().filter(|alt| alt.is_finite())?;
     alt_m.iter().all(|alt| *alt == first).then_some(first)

@@ -18,33 +18,37 @@ use super::further::{Further, updates};
 use crate::columns::{array, data};
 
 filter! {
-    /// The most probable trajectory of the whole line, given all its measurements: a smoother, for after the flight. It
-    /// linearises the map along the trajectory until that no longer moves, forward and backward over the line each time,
-    /// and says how sure it is. At the last sample it knows what a filter knows; before, a few times as much.
+    /// The most probable track of the whole line given all its measurements: a smoother for post-processing. Each
+    /// iteration linearises the map along the track and passes forward and backward over the line, until the track
+    /// converges. It also returns the covariance. At the last sample its error equals that of a filter; before, it is a
+    /// few times smaller.
     ///
-    /// The position of a sample is of all measurements, `residual` and `nis` are of those before it, so that the mean
-    /// of `nis` is 1 as a filter's. With a robust loss an outlier draws little: `huber` with a constant force, `cauchy` the
-    /// less the farther it is off, which needs a fair start. `smoothing` is `converged`, or `stopped` where the iteration
-    /// ended before the trajectory stood still; `smoothing_step` then tells by how much it still moves.
+    /// The position of a sample uses all measurements. `residual` and `nis` use only earlier measurements, so the
+    /// expected value of `nis` is 1, as for a filter. A robust loss limits the influence of outliers: it is constant
+    /// with `huber`, and decreases with distance with `cauchy`, which requires a good initial track. `smoothing` is
+    /// `converged`, or `stopped` if the iteration ended before the track converged; `smoothing_step` is then its last
+    /// change.
     ///
-    /// A line takes five to ten times as long as with `ekf`, and 0.8 kB a sample (2.6 kB more with `save_state`). With further
-    /// measurements it is 15 kB a sample, the iteration has one start, and a loss is of the scalar field alone.
+    /// A line takes five to ten times as long as with `ekf`, and 0.8 kB per sample (2.6 kB more with `save_state`).
+    /// With further measurements it takes 15 kB per sample, the iteration has a single start, and a robust loss applies
+    /// only to the scalar field.
     ///
     /// Source: Bierman 1973 (modified Bryson-Frazier form, which inverts no covariance); Bell 1994 (iterated Kalman
     /// smoother); Holland and Welsch 1977 (reweighting).
     Rts = "rts", version 1, groups [aiding: Aiding, further: Further], example "loss = \"huber\"";
-    /// The most passes over the line.
+    /// Maximum number of passes over the line.
     iterations: usize, unit "1", default 20usize, rule Rule::Between(1.0, 1000.0);
-    /// The iteration ends where a step moves no position of the line by as much as this.
+    /// Largest change of a position of the line in one iteration below which the iteration ends.
     tolerance_m: f64, unit "m", default 0.1, rule Rule::Positive;
-    /// The loss of a residual: the square, Huber's, or Cauchy's.
+    /// Loss function of a residual: quadratic, Huber's, or Cauchy's.
     loss: Loss, unit "", default Loss::None;
-    /// Where a robust loss leaves the square, in standard deviations of the measurement.
-    loss_scale: Option<f64>, unit "1", absent "1.345 with `huber`, 2.385 with `cauchy`: 95 % efficient at normal noise",
+    /// Residual above which a robust loss departs from the quadratic, in standard deviations of the measurement.
+    loss_scale: Option<f64>, unit "1",
+        absent "1.345 with `huber`, 2.385 with `cauchy`: 95 % efficient for normal noise",
         rule Rule::Positive;
-    /// Append the state `x` and its covariance `p` (row-major).
+    /// Appends the state `x` and its covariance `p` (row-major).
     save_state: bool, unit "", default false;
-    /// How the process noise becomes a step's covariance: to second order, to first order as MagNav.jl, or exactly.
+    /// Discretisation of the process noise: to second order, to first order as in MagNav.jl, or exact.
     discretisation: NoiseDiscretisation, unit "", default NoiseDiscretisation::Trapezoidal;
 }
 
@@ -63,8 +67,8 @@ impl NavigationFilter for Rts {
 
     fn columns(&self, _: &Flight) -> Vec<Column> {
         let mut columns = vec![
-            Column::text("smoothing", "how the iteration of the line ended: converged or stopped"),
-            Column::float("smoothing_step", "m", "how far its last step moves a position of the line at the most"),
+            Column::text("smoothing", "outcome of the iteration: converged or stopped"),
+            Column::float("smoothing_step", "m", "largest change of a position of the line in the last iteration"),
         ];
         if self.save_state {
             columns.extend(state_columns());
@@ -79,8 +83,8 @@ impl NavigationFilter for Rts {
 
     fn idle(&self, key: &str) -> Option<Fault> {
         let what = match key {
-            "loss_scale" if self.loss == Loss::None => "`loss_scale` has no say with `loss = \"none\"`",
-            "tolerance_m" if self.iterations == 1 => "`tolerance_m` has no say with `iterations = 1`",
+            "loss_scale" if self.loss == Loss::None => "`loss_scale` has no effect with `loss = \"none\"`",
+            "tolerance_m" if self.iterations == 1 => "`tolerance_m` has no effect with `iterations = 1`",
             _ => return self.aiding.idle(key).or_else(|| self.further.idle(key)),
         };
         Some(Fault::new(what).of_param(key))
@@ -113,7 +117,7 @@ impl NavigationFilter for Rts {
 }
 
 impl Rts {
-    /// How the iteration ended, and the states where they are asked for.
+    /// Outcome of the iteration, and the states if they are requested.
     fn more(&self, report: &SmootherReport, output: &mut NavigationOutput) -> Result<Vec<ArrayRef>, Fault> {
         let (word, rows) = (if report.converged { "converged" } else { "stopped" }, output.lat_deg.len());
         let words: StringArray = std::iter::repeat_n(Some(word), rows).collect();
@@ -152,8 +156,8 @@ mod tests {
 
     #[test]
     fn unit_keys_without_a_say_are_told() {
-        assert_refused("rts", "loss_scale = 2.0", "no say with `loss = \"none\"`");
-        assert_refused("rts", "iterations = 1\ntolerance_m = 1.0", "no say with `iterations = 1`");
+        assert_refused("rts", "loss_scale = 2.0", "no effect with `loss = \"none\"`");
+        assert_refused("rts", "iterations = 1\ntolerance_m = 1.0", "no effect with `iterations = 1`");
         assert_refused("rts", "loss = 'tukey'", "tukey");
     }
 }

@@ -18,86 +18,94 @@ use super::filter::{Flight, Flown, NavigationFilter, Track, Update, filter};
 use crate::columns::{array, data};
 
 filter! {
-    /// Navigation without a map: each particle's own path with the measurements along it is its map, and a particle counts
-    /// by how well the earlier measurements predict the present one where it crosses or follows its earlier path. It holds
-    /// an INS that drifts on flights that come back to where they were: loiters, surveys with tie lines. Only the position
-    /// relative to the earlier path is observed, so that what the INS errs until the first revisit stays; without a revisit
-    /// the track is that of the INS. The map of the stage is not looked at, nor is `offset_window_s`: a constant in the
-    /// measurement is part of the unknown map. `unused` in the column `update` means that nobody has been near before.
+    /// Navigation without a map. The map of a particle is its own path with the measurements along it. Where a particle
+    /// crosses or follows its earlier path, its weight is the likelihood of the present measurement given the earlier
+    /// ones. The filter bounds the drift of an INS on flights with revisits: loiters, or surveys with tie lines.
+    ///
+    /// Only the position relative to the earlier path is observed. The error of the INS before the first revisit
+    /// therefore remains. Without a revisit the track is that of the INS. The map of the stage and `offset_window_s`
+    /// are ignored: a constant in the measurement is part of the unknown map. `unused` in the column `update` means
+    /// that no particle has been nearby before.
     ///
     /// The same `seed` gives the same bits on any number of threads.
     ///
-    /// With `gnss_lost_s` positions by GNSS aid it where there are any. A map that begins under GNSS is where it says; a later
-    /// fix counts particles by their whole path, so that it corrects the map too. GNSS at first does not spare particles: of
-    /// ten surveys all were held with 400 of them, and two of six were lost with 150, by a covariance far too small.
+    /// With `gnss_lost_s` positions by GNSS aid the filter. A map that begins under GNSS has the absolute position of
+    /// GNSS. A later fix weights particles by their whole path, so it also corrects the map. Initial GNSS does not
+    /// reduce the number of particles: with 400 particles all of ten surveys succeeded; with 150 two of six diverged,
+    /// with a covariance far too small.
     ///
-    /// With `smooth` the track is the most probable one of the whole flight, given all of its measurements, for after the
-    /// flight: a smoother that begins at the track of the particles, and is off by metres where they are off by tens. The
-    /// error of the INS over a flight is a few smooth functions of time, of which every crossing tells, while the history of a
-    /// particle is what it is; so that few particles are enough. `residual`, `nis`, `revisiting` and `effective` stay those
-    /// of the particles. `smoothing` is `converged`, or `stopped` where path and hyper-parameters still moved at the end, or
+    /// With `smooth` the track is the most probable track of the whole flight given all its measurements, for
+    /// post-processing. The smoother starts from the track of the particles and reduces errors of tens of metres to
+    /// metres. It represents the error of the INS by a few smooth functions of time that every crossing constrains, so
+    /// few particles are enough. `residual`, `nis`, `revisiting` and `effective` remain those of the particles.
+    ///
+    /// `smoothing` is `converged`; `stopped` where path and hyper-parameters still changed at the last iteration; or
     /// `none` where the track is that of the particles: fewer than two measurements, or a singular covariance.
-    /// `smoothing_misfit` is far above 1 where the noise is told too small for the track. `smoothing_agreement` is
-    /// what visits of the same places tell of each other, over what they would tell with the noise told: about 1 on a right track, near
-    /// 0 on one that is lost by hundreds of metres. A line below 0.5 is refused; NaN where next to nothing is visited
-    /// again. 1000 measurements take about twenty
-    /// seconds of a core and 70 MB, twice as many eight times that and four times that.
+    /// `smoothing_misfit` is far above 1 where the assumed noise is too small for the track. `smoothing_agreement` is
+    /// the information that revisits of places give about each other, divided by its expected value for the assumed
+    /// noise: about 1 on a correct track, near 0 on a track in error by hundreds of metres. A line below 0.5 is
+    /// rejected. The column is NaN where almost nothing is revisited. 1000 measurements take about 20 s of one core and
+    /// 70 MB. Twice as many take eight times the time and four times the memory.
     ///
-    /// Source: thesis 001, chapters III and V and appendix A; with the last measurements in every prediction, which makes the
-    /// product of the weights the likelihood of the flight [Vecchia 1988], with the temporal variation in the covariance, with
-    /// paths shared in a tree, so that a step costs the same after ten hours, and resampled from a kernel density (Musso,
-    /// Oudjane & Le Gland 2001), whose loss of variance stays in the covariance. The smoother: the likelihood of a Gaussian
-    /// process at uncertain places (Lawrence 2003), with the covariance of the error model as prior of the places, and
-    /// Laplace's approximation of its covariance.
+    /// Source: Lee 2019, chapters III and V and appendix A, with four changes. Every prediction includes the last
+    /// measurements, so that the product of the weights is the likelihood of the flight [Vecchia 1988]. The covariance
+    /// includes the temporal variation. Paths are shared in a tree, so that a step takes the same time after ten hours.
+    /// Particles are resampled from a kernel density (Musso, Oudjane & Le Gland 2001), whose loss of variance stays in
+    /// the covariance. The smoother maximises the likelihood of a Gaussian process at uncertain places (Lawrence 2003),
+    /// with the covariance of the error model as prior of the places and Laplace's approximation of its covariance.
     Slam = "slam", version 2, groups [aiding: Aiding], example "particles = 1000";
-    /// The number of particles. The drift between revisits has to be covered densely: more for a poorer INS.
+    /// Number of particles. They must cover the drift between revisits densely, so a poorer INS needs more.
     particles: usize, unit "1", default 1000usize, rule Rule::Between(2.0, 1e6);
-    /// The seed of every draw.
+    /// Seed of all random draws.
     seed: usize, unit "", default 0usize;
-    /// Particles are moved and weighted at most this often; measurements in between are averaged. 0 takes every sample.
+    /// Minimum time between two updates of the particles. Measurements within it are averaged. 0 uses every sample.
     update_interval_s: f64, unit "s", default 1.0, rule Rule::NotNegative;
-    /// How a measurement is predicted from the earlier ones: from the nearest and the last ones (`"nearest_neighbour"`), by
-    /// the regression of the thesis (`"regression"`), or by inverse distance (`"inverse_distance"`).
+    /// Prediction of a measurement from earlier ones: from the nearest and the most recent (`"nearest_neighbour"`), by
+    /// the regression of Lee 2019 (`"regression"`), or by inverse distance (`"inverse_distance"`).
     expected_measurement: ExpectedMeasurement, unit "", default ExpectedMeasurement::NearestNeighbour;
-    /// Whether the three hyper-parameters are fitted to the first part of the flight by maximum likelihood, or are as given.
+    /// Source of the three hyper-parameters: maximum likelihood on the first part of the flight, or the spec.
     hyperparameters: HyperparameterSource, unit "", default HyperparameterSource::Fitted;
-    /// How the covariance of the anomaly falls with distance.
+    /// Covariance function of the anomaly over distance.
     covariance: Covariance, unit "", default Covariance::Matern52;
     /// Standard deviation of the anomaly.
-    sigma_se_nt: Option<f64>, unit "nT", absent "50 nT, the value of the flight over Louisa", rule Rule::Positive;
+    sigma_se_nt: Option<f64>, unit "nT",
+        absent "50 nT, the value of the Louisa flight in Lee 2019", rule Rule::Positive;
     /// Correlation length of the anomaly.
-    length_m: Option<f64>, unit "m", absent "150 m, as above", rule Rule::Positive;
-    /// What of the anomaly is white, beside the noise of the measurement.
-    sigma_n_nt: Option<f64>, unit "nT", absent "1 nT, as above", rule Rule::NotNegative;
-    /// The first part of the flight that the hyper-parameters are fitted to.
+    length_m: Option<f64>, unit "m", absent "150 m, as for `sigma_se_nt`", rule Rule::Positive;
+    /// Standard deviation of the white part of the anomaly, in addition to the measurement noise.
+    sigma_n_nt: Option<f64>, unit "nT", absent "1 nT, as for `sigma_se_nt`", rule Rule::NotNegative;
+    /// Length of the first part of the flight, to which the hyper-parameters are fitted.
     fit_window_s: f64, unit "s", default 600.0, rule Rule::Positive;
-    /// The most earlier samples that a prediction is made of.
+    /// Maximum number of earlier samples in a prediction.
     neighbours: usize, unit "1", default 12usize, rule Rule::Between(1.0, 20.0);
-    /// Samples before the last so many seconds are earlier ones.
+    /// Time before a sample within which samples do not count as earlier samples.
     ignore_s: f64, unit "s", default 30.0, rule Rule::NotNegative;
-    /// More than `trigger_points` earlier samples within this radius make a revisit.
-    trigger_radius_m: Option<f64>, unit "m", absent "18 m, or 1.6 times the distance between samples", rule Rule::Positive;
-    /// See `trigger_radius_m`.
+    /// Radius of a revisit: it contains more than `trigger_points` earlier samples.
+    trigger_radius_m: Option<f64>, unit "m",
+        absent "18 m, or 1.6 times the distance between samples", rule Rule::Positive;
+    /// Number of earlier samples within `trigger_radius_m` that a revisit exceeds.
     trigger_points: usize, unit "1", default 2usize;
-    /// The radius of the earlier samples that a prediction is made of.
+    /// Radius within which earlier samples are used for a prediction.
     interpolation_radius_m: Option<f64>, unit "m",
-        absent "half a length of the covariance, at most 0.4 of what is flown in `ignore_s`", rule Rule::Positive;
-    /// Earlier samples whose height differs by more are not used; smaller differences add to their variance.
+        absent "half the length of the covariance, at most 0.4 of the distance flown in `ignore_s`", rule Rule::Positive;
+    /// Maximum height difference of earlier samples. Smaller differences increase their variance.
     max_height_difference_m: f64, unit "m", default 100.0, rule Rule::NotNegative;
     /// Standard deviation of a prediction by inverse distance.
     interpolant_sigma_nt: f64, unit "nT", default 10.0, rule Rule::Positive;
-    /// Particles are resampled when their effective number falls below this fraction of all.
+    /// Effective number of particles, as a fraction of all, below which they are resampled.
     resample_below: f64, unit "1", default 0.5, rule Rule::Between(0.0, 1.0);
-    /// A measurement whose squared innovation over its variance is above this is not used.
-    gate_nis: Option<f64>, unit "1", absent "outliers are rejected before the filter, or none with `tuning = \"magnav\"`", rule Rule::Positive;
-    /// The most probable track of the whole flight in place of the particles' one.
+    /// Largest NIS (squared innovation over its variance) of a measurement. Larger ones are rejected.
+    gate_nis: Option<f64>, unit "1",
+        absent "no gate; `tuning = \"auto\"` rejects outliers before the filter", rule Rule::Positive;
+    /// Replaces the track of the particles by the most probable track of the whole flight.
     smooth: bool, unit "", default false;
-    /// The most measurements that the smoother looks at; of more, each is the mean of a few neighbours, and others are left
-    /// out. The work grows with their third power.
+    /// Maximum number of measurements in the smoother. If there are more, each is the mean of a few neighbours, and
+    /// others are omitted. Computing time is proportional to the third power of this number.
     smooth_measurements: usize, unit "1", default 1000usize, rule Rule::Between(2.0, 5000.0);
-    /// White noise of a measurement as the smoother is told it, where the particles are told more for being few.
-    smooth_sigma_nt: Option<f64>, unit "nT", absent "that of the particles", rule Rule::Positive;
-    /// How the process noise becomes a step's covariance: to second order, to first order as MagNav.jl, or exactly.
+    /// Standard deviation of the white noise of a measurement in the smoother, where the particles assume more because
+    /// they are few.
+    smooth_sigma_nt: Option<f64>, unit "nT", absent "the assumed noise of the particles", rule Rule::Positive;
+    /// Discretisation of the process noise: to second order, to first order as in MagNav.jl, or exact.
     discretisation: NoiseDiscretisation, unit "", default NoiseDiscretisation::Trapezoidal;
 }
 
@@ -116,14 +124,14 @@ impl NavigationFilter for Slam {
 
     fn columns(&self, _: &Flight) -> Vec<Column> {
         let mut columns = vec![
-            Column::float("revisiting", "1", "particles that revisit their earlier path; 0 between steps"),
-            Column::float("effective", "1", "effective number of particles after the weighting"),
+            Column::float("revisiting", "1", "number of particles that revisit their earlier path; 0 between updates"),
+            Column::float("effective", "1", "effective number of particles after weighting"),
         ];
         if self.smooth {
-            let misfit = "what the model leaves of the measurements, squared over its variance; NaN without smoothing";
-            columns.push(Column::text("smoothing", "how the search of the line ended: converged, stopped or none"));
+            let misfit = "mean squared residual of the model over its variance; NaN without smoothing";
+            columns.push(Column::text("smoothing", "outcome of the smoother: converged, stopped or none"));
             columns.push(Column::float("smoothing_misfit", "1", misfit));
-            let agreement = "what visits of a place tell of each other, over what they should; NaN without a visit";
+            let agreement = "information of revisits about each other over its expected value; NaN without revisits";
             columns.push(Column::float("smoothing_agreement", "1", agreement));
         }
         columns
@@ -143,13 +151,15 @@ impl NavigationFilter for Slam {
         }
         let by_radius = self.expected_measurement != ExpectedMeasurement::NearestNeighbour;
         let belongs = |what: &str| {
-            let help = "leave it out".to_owned();
-            Some(Fault::new(format!("`{key}` belongs to {what}")).help(help))
+            let help = "remove it".to_owned();
+            Some(Fault::new(format!("`{key}` has no effect without {what}")).help(help))
         };
         match key {
-            "trigger_radius_m" | "trigger_points" if !by_radius => belongs("the methods that look within a radius"),
+            "trigger_radius_m" | "trigger_points" if !by_radius => {
+                belongs("`expected_measurement = \"regression\"` or `\"inverse_distance\"`")
+            }
             "interpolant_sigma_nt" if self.expected_measurement != ExpectedMeasurement::InverseDistance => {
-                belongs("the method `inverse_distance`")
+                belongs("`expected_measurement = \"inverse_distance\"`")
             }
             "smooth_measurements" | "smooth_sigma_nt" if !self.smooth => belongs("`smooth = true`"),
             "fit_window_s" if self.hyperparameters == HyperparameterSource::Fixed => {
@@ -175,17 +185,15 @@ impl NavigationFilter for Slam {
         let output = run(&self.parameters(flown)?, &line).map_err(data)?;
         if output.report.largest_correction > IMPLAUSIBLE {
             let what = format!(
-                "the corrections are larger than the INS can have erred: their square is {:.0} times its variance",
+                "the corrections exceed the possible error of the INS: their square is {:.0} times its variance",
                 output.report.largest_correction
             );
-            let help =
-                "the INS drifts too far between revisits for so many particles; or its grade is not the one given";
+            let help = "increase `particles` for the drift between revisits, or check `ins_grade`";
             return Err(Fault::data(what).help(help));
         }
         if output.report.smoother.is_some_and(|smoother| smoother.agreement < CONTRADICTED) {
-            let what = "no smoothed track was found on which the measurements of two visits of a place agree";
-            let help =
-                "take more `particles` or `smooth_measurements`; or the measurement errs by more than it is told to";
+            let what = "the smoother found no track on which the measurements of revisits agree";
+            let help = "increase `particles` or `smooth_measurements`, or increase `measurement_sigma_nt`";
             return Err(Fault::data(what).help(help));
         }
         let mut track = Track::with_any(flown, output.navigation, self.gate_nis);
@@ -204,7 +212,7 @@ impl NavigationFilter for Slam {
     }
 }
 
-/// How the smoother ended.
+/// Outcome of the smoother.
 fn smoothing(report: &SlamReport) -> &'static str {
     match report.smoother {
         Some(smoother) if smoother.converged => "converged",
@@ -215,11 +223,11 @@ fn smoothing(report: &SlamReport) -> &'static str {
 
 impl Slam {
     /// # Errors
-    /// With `smooth_sigma_nt` and no white noise of the filter that it could be in place of.
+    /// When `smooth_sigma_nt` is set and the filter assumes no white noise.
     fn parameters(&self, flown: &Flown) -> Result<SlamParameters, Fault> {
         let noise_factor = match self.smooth_sigma_nt {
             Some(sigma_nt) if flown.measurement_sigma_nt > 0.0 => sigma_nt / flown.measurement_sigma_nt,
-            Some(_) => return Err(Fault::data("`smooth_sigma_nt` is in place of a `measurement_sigma_nt` above 0")),
+            Some(_) => return Err(Fault::data("`smooth_sigma_nt` requires a `measurement_sigma_nt` above 0")),
             None => 1.0,
         };
         let smoother = SmootherParameters {
@@ -281,8 +289,8 @@ mod tests {
             assert!((ours[row] / exact[row] - 1.0).abs() < 1e-6, "{row} {} {}", ours[row], exact[row]);
             assert!((found.error_m(row) - aided.error_m(row)).abs() < 1e-3, "{row}");
         }
-        assert_refused("slam", "gnss_sigma_m = 1.0", "no say without `gnss_lost_s`");
-        assert_refused("slam", "gnss_lost_s = [400.0, 300.0]", "after it is found");
+        assert_refused("slam", "gnss_sigma_m = 1.0", "no effect without `gnss_lost_s`");
+        assert_refused("slam", "gnss_lost_s = [400.0, 300.0]", "recovered earlier");
     }
 
     #[test]
@@ -303,7 +311,7 @@ mod tests {
     fn unit_keys_without_a_say_are_told() {
         assert_refused("slam", "smooth_measurements = 300", "smooth = true");
         assert_refused("slam", "smooth_sigma_nt = 1.0", "smooth = true");
-        assert_refused("slam", "trigger_points = 3", "within a radius");
+        assert_refused("slam", "trigger_points = 3", "regression");
         assert_refused("slam", "interpolant_sigma_nt = 3.0", "inverse_distance");
         assert_refused("slam", "hyperparameters = 'fixed'\nfit_window_s = 30.0", "fitted");
         assert_refused("slam", "sigma_se_nt = 30.0", "fixed");

@@ -1,4 +1,4 @@
-//! What a filter knows of the INS at the first sample of a line.
+//! Initial estimate and covariance of a filter at the first sample of a line.
 
 use arrow_array::RecordBatch;
 use numerics::{
@@ -15,15 +15,15 @@ use super::Navigate;
 use crate::columns::{faults_of, floats, role_of};
 
 choice! {
-    /// Where a filter starts from.
+    /// Source of the initial estimate of a filter.
     pub enum StartFrom {
-        /// `given` where an initial position, height or velocity is; else the alignment where the flight has the column
-        /// `ins_aligned`; else a fix where it has the columns of `fix`. A flight without any of these is refused.
+        /// `given` if an initial position, height or velocity key is set. Else `alignment` if the flight has the column
+        /// `ins_aligned`. Else `fix` if it has the columns of `fix`. Other flights are rejected.
         Auto = "auto",
         /// A position and velocity fix corrects the INS at the first sample of the line.
         Fix = "fix",
-        /// The initial standard deviations hold at the alignment, whose time is in the column `ins_aligned`. Their covariance is
-        /// propagated to the first sample of the line as in straight level flight.
+        /// The initial standard deviations hold at the alignment, at the time in the column `ins_aligned`. Their
+        /// covariance is propagated to the first sample of the line, assuming straight and level flight.
         Alignment = "alignment",
         /// The initial standard deviations hold at the first sample of the line.
         Given = "given",
@@ -31,24 +31,27 @@ choice! {
 }
 
 params! {
-    /// What a filter knows of the INS at the first sample of a line.
+    /// Initial estimate and covariance at the first sample of a line.
     pub struct Start;
-    /// Where a filter starts from. An INS drifts from its alignment on, so that the same `init_*` keys mean little minutes later.
+    /// Source of the initial estimate. An INS drifts after its alignment, so the `init_*` keys do not hold minutes
+    /// later.
     start: StartFrom, unit "", default StartFrom::Auto;
-    /// Latitude, longitude and height of the fix. The first values within two seconds of the line's start are taken; columns of the
-    /// role truth get white noise of the fix's standard deviations, always the same for a line.
+    /// Columns of latitude, longitude (deg) and height (m) of the fix. The first values within 2 s of the line's start
+    /// are used. White noise of the fix's standard deviations is added to columns of the role truth, reproducibly for a
+    /// line.
     fix: [String; 3], unit "", default ["lat", "lon", "alt"].map(str::to_owned);
-    /// Velocity north, east and down of the fix.
-    fix_velocity: Option<[String; 3]>, unit "m/s", absent "`vn`, `ve` and `vd` where the flight has them, else the velocity of the INS";
+    /// Columns of the velocity north, east and down of the fix.
+    fix_velocity: Option<[String; 3]>, unit "m/s",
+        absent "`vn`, `ve` and `vd` if the flight has them, else the velocity of the INS";
     /// Standard deviation of the fix's position, north and east each.
     fix_sigma_m: f64, unit "m", default 3.0, rule Rule::Positive;
     /// Standard deviation of the fix's height.
     fix_alt_sigma_m: f64, unit "m", default 5.0, rule Rule::Positive;
-    /// Standard deviation of the fix's velocity, each component.
+    /// Standard deviation of each component of the fix's velocity.
     fix_velocity_sigma_mps: f64, unit "m/s", default 0.1, rule Rule::Positive;
 }
 
-/// The column with the time of the INS's last alignment.
+/// Column with the time of the last alignment of the INS.
 pub(super) const ALIGNED: &str = "ins_aligned";
 const VELOCITY: [&str; 3] = ["vn", "ve", "vd"];
 /// Longest time from the start of a line to its fix, in s.
@@ -56,36 +59,36 @@ const FIX_WITHIN_S: f64 = 2.0;
 /// Longest time from an alignment to a line, in s.
 const LONGEST_AGE_S: f64 = 2.0 * 86_400.0;
 
-/// Where the filter of a line starts from.
+/// Initial condition of the filter of a line.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Begin {
-    /// With the initial standard deviations.
+    /// The initial standard deviations.
     Given,
-    /// So many seconds after the alignment.
+    /// The alignment and the time since.
     Aligned {
         /// Time since the alignment, in s.
         age_s: f64,
     },
-    /// With a fix, at a row.
+    /// A fix at a row.
     Fixed {
-        /// The fix.
+        /// Fix.
         fix: Fix,
-        /// Its row.
+        /// Row of the fix.
         row: usize,
     },
 }
 
 impl Navigate {
-    /// Where filters start from on flights of this shape.
+    /// Source of the initial estimate on flights of this shape.
     pub(super) fn start_from(&self, shape: &Shape) -> Result<StartFrom, Fault> {
         let chosen = match self.start.start {
             StartFrom::Auto if !self.is_auto() || self.ins.start_given => StartFrom::Given,
             StartFrom::Auto if shape.number(ALIGNED, "s").is_ok() => StartFrom::Alignment,
             StartFrom::Auto if self.start.fix.iter().all(|column| shape.get(column).is_some()) => StartFrom::Fix,
             StartFrom::Auto => {
-                let what = "nothing says how good the INS is at the start of a line";
-                let help = "give `start = \"fix\"` with the columns of a position in `fix`, a column `ins_aligned` with the time \
-                            of the last alignment (seconds past midnight, by `derive`), or `start = \"given\"` with \
+                let what = "the accuracy of the INS at the start of a line is unknown";
+                let help = "set `start = \"fix\"` and `fix` to the columns of a position; or append `ins_aligned`, the time \
+                            of the last alignment (seconds past midnight, by `derive`); or set `start = \"given\"`, \
                             `init_position_sigma_m` and `init_velocity_sigma_mps`";
                 return Err(Fault::new(what).help(help).of_param("start"));
             }
@@ -93,12 +96,12 @@ impl Navigate {
         };
         match chosen {
             StartFrom::Alignment => {
-                let help = "append the time of the last alignment, seconds past midnight, by `derive`";
+                let help = "append the time of the last alignment in seconds past midnight by `derive`";
                 shape.number(ALIGNED, "s").map_err(|fault| fault.of_param("start").help(help))?;
             }
             StartFrom::Given if self.ins.sources.init_position_sigma_m == 0.0 => {
-                let what = "`init_position_sigma_m` is 0: only at its alignment can an INS know its position exactly";
-                let help = "give `start = \"alignment\"` with the column `ins_aligned`, or `init_position_sigma_m`";
+                let what = "`init_position_sigma_m` is 0, but the position of an INS is exact only at its alignment";
+                let help = "set `start = \"alignment\"` with a column `ins_aligned`, or set `init_position_sigma_m`";
                 return Err(Fault::new(what).help(help).of_param("init_position_sigma_m"));
             }
             _ => {}
@@ -106,7 +109,7 @@ impl Navigate {
         Ok(chosen)
     }
 
-    /// Faults of the columns of the start.
+    /// Faults of the columns of the initial estimate.
     pub(super) fn start_faults(&self, shape: &Shape) -> Vec<Fault> {
         match self.start_from(shape) {
             Err(fault) => vec![fault],
@@ -129,7 +132,7 @@ impl Navigate {
         self.start.fix_velocity.clone().or(usual)
     }
 
-    /// The columns that the start reads.
+    /// Columns that the initial estimate requires.
     pub(super) fn start_reads(&self, shape: &Shape) -> Vec<String> {
         match self.start_from(shape) {
             Ok(StartFrom::Alignment) => vec![ALIGNED.to_owned()],
@@ -140,7 +143,7 @@ impl Navigate {
         }
     }
 
-    /// The note on the start that was chosen.
+    /// Note on the chosen initial estimate.
     pub(super) fn start_note(&self, shape: &Shape) -> Option<String> {
         if self.start.start != StartFrom::Auto || !self.is_auto() {
             return None;
@@ -156,7 +159,7 @@ impl Navigate {
         }
     }
 
-    /// Where the filter of a line starts from.
+    /// Initial condition of the filter of a line.
     pub(super) fn begin(&self, batch: &RecordBatch) -> Result<Begin, Fault> {
         let shape = Shape::of(&batch.schema());
         let tt_s = floats(batch, "tt")?;
@@ -167,8 +170,8 @@ impl Navigate {
                 let age_s = first_s - aligned;
                 // Half a millisecond takes up the rounding of time stamps.
                 if !(-5e-4..=LONGEST_AGE_S).contains(&age_s) {
-                    let what = format!("the INS was aligned at {aligned} s, and the line begins at {first_s} s");
-                    let help = "both are seconds past midnight UTC of the day that the flight begins";
+                    let what = format!("the INS was aligned at {aligned} s, but the line begins at {first_s} s");
+                    let help = "give both in seconds past midnight UTC of the day of take-off";
                     return Err(Fault::data(what).in_column(ALIGNED).help(help));
                 }
                 Ok(Begin::Aligned { age_s: age_s.max(0.0) })
@@ -194,8 +197,8 @@ impl Navigate {
         let there = |row: &usize| columns.iter().all(|column| column[*row].is_finite());
         let within = |row: &usize| tt_s[*row] - first_s <= FIX_WITHIN_S;
         let Some(row) = (0..tt_s.len()).take_while(within).find(there) else {
-            let what = format!("no row within {FIX_WITHIN_S} s of the line's start has a position to start from");
-            let help = "name other columns in `fix`, or give another `start`";
+            let what = format!("no row within {FIX_WITHIN_S} s of the line's start has a position for the fix");
+            let help = "set `fix` to other columns, or set another `start`";
             return Err(Fault::data(what).in_column(&fix[0]).help(help));
         };
         let mut values: Vec<f64> = columns.iter().map(|column| column[row]).collect();
@@ -216,7 +219,7 @@ impl Navigate {
 }
 
 impl Begin {
-    /// The covariance of the states at the first sample; `None` where it is that of the initial standard deviations.
+    /// Covariance of the state at the first sample; `None` for the initial standard deviations.
     pub(super) fn covariance(&self, errors: &InsErrorModel, ins: &InsSeries<'_>) -> Option<StateMatrix> {
         match self {
             Begin::Given => None,

@@ -18,7 +18,7 @@ fn hills(north: f64, east: f64) -> f64 {
     60.0 * (north / 500.0).sin() + 50.0 * (east / 430.0 + north / 900.0).cos()
 }
 
-/// The field so many metres ahead of the aircraft at a row.
+/// Field `ahead_m` metres ahead of the aircraft at a row, in nT.
 pub(super) fn ahead_nt(row: usize, ahead_m: f64) -> f64 {
     let (t, m_per_deg_east) = (row as f64, M_PER_DEG * 45_f64.to_radians().cos());
     let (north, east) = (55.0 * t, 0.004 * (t / 70.0).sin() * m_per_deg_east);
@@ -50,9 +50,9 @@ pub(super) fn map() -> RecordBatch {
 }
 
 /// Ten minutes northward at 55 m/s, a sample a second. The INS is off by 10 m and 0.15 m/s north, and by 0.2 m/s east.
-/// `mag_1_c` and `mag_2_c` are the field and noise of 1 nT, of which the second has a gap; `mag_1_uc` has the aircraft's
-/// field too, which is linear in the direction of the vector `flux_d`: 40 along nose, -25 right, 30 down, and 12 nT. `tl` are
-/// its terms, `attitude` two features that tell the direction.
+/// `mag_1_c` and `mag_2_c` are the field and noise of 1 nT, of which the second has a gap; `mag_1_uc` has the
+/// aircraft's field too, which is linear in the direction of the vector `flux_d`: 40 along nose, -25 right, 30 down,
+/// and 12 nT. `tl` are its terms, `attitude` two features that tell the direction.
 pub(super) fn flight() -> RecordBatch {
     let t: Vec<f64> = (0..ROWS).map(|k| k as f64).collect();
     let of = |f: &dyn Fn(f64) -> f64| -> Vec<f64> { t.iter().map(|t| f(*t)).collect() };
@@ -109,7 +109,7 @@ pub(super) fn with(flight: &RecordBatch, column: &str, of: impl Fn(usize, f64) -
     RecordBatch::try_new(flight.schema(), columns).unwrap()
 }
 
-/// What a filter answers.
+/// Output of a filter.
 #[derive(Debug)]
 pub(super) struct Answer(Vec<(String, Arc<dyn Array>)>);
 
@@ -171,7 +171,7 @@ fn literal(value: toml::Value) -> Literal {
     }
 }
 
-/// What a filter says of the flight before it runs.
+/// Columns that a filter plans for the flight, or its faults.
 pub(super) fn planned(filter: &str, keys: &str) -> Result<Vec<Column>, Vec<Fault>> {
     let stage = (entry(FILTERS.to_vec()).build)(&args(filter, keys))?;
     let tables = [Table::Lines(Shape::of(&flight().schema())), Table::Map(schemas::map::shape())];

@@ -5,9 +5,9 @@ use schemas::{Args, Given, Literal, Params, Reader};
 use super::*;
 
 filter! {
-    /// A second filter beside the built-in one.
+    /// A second filter besides the built-in one.
     Still = "still", version 1, example "hold_s = 2.0";
-    /// A key of its own.
+    /// A key of this filter.
     hold_s: f64, unit "s", default 1.0;
 }
 
@@ -139,9 +139,9 @@ fn unit_what_is_derived_or_taken_off_unasked_is_noted() {
     let rich: Vec<_> = velocity.into_iter().chain([("ins_roll", "deg"), ("diurnal", "nT")]).collect();
     let made = without(&[]).yields(&[&flight(&rich), &map()]).unwrap();
     let expected = [
-        "`diurnal` is taken off the measurement; say `remove_diurnal = false` to leave it in",
-        "no ins_fn, ins_fe, ins_fd: derived from INS velocities",
-        "no ins_pitch, ins_yaw: derived from the course, level",
+        "`diurnal` is subtracted from the measurement; set `remove_diurnal = false` to keep it",
+        "ins_fn, ins_fe, ins_fd missing: derived from INS velocities",
+        "ins_pitch, ins_yaw missing: derived from the course, level",
     ];
     assert_eq!(made.notes, expected);
     let read = ["tt", "mag_c", "ins_lat", "ins_lon", "ins_alt", "ins_vn", "ins_ve", "ins_vd", "diurnal"];
@@ -192,13 +192,13 @@ fn unit_the_column_of_the_noise_is_checked_before_and_in_the_line() {
     assert!(said(&with("nose", &[])).contains("`nose`"));
     assert!(said(&with("mag_c", &[])).contains("is the measurement"));
     let two = Literal::List(vec![text("mag_c"), text("noise")]);
-    assert!(said(&with("noise", &[("mag", two)])).contains("of one magnetometer"));
+    assert!(said(&with("noise", &[("mag", two)])).contains("a single magnetometer"));
     let why = with("noise", &[("filter", text("ins_only"))]).idle("noise_column").unwrap().what;
-    assert_eq!(why, "the filter `ins_only` has no use for `noise_column`");
+    assert_eq!(why, "the filter `ins_only` does not use `noise_column`");
     let sigma_nt = |values: &[f64]| with("noise", &[]).sample_sigma_nt(&batch(&[("noise", values)]));
     let found = sigma_nt(&[3.0, f64::INFINITY, f64::NAN, 0.0]).unwrap().unwrap();
     assert!(found[0] == 3.0 && found[1].is_nan() && found[2].is_nan() && found[3] == 0.0, "{found:?}");
     let fault = sigma_nt(&[3.0, -0.5]).unwrap_err();
-    assert_eq!(fault.what, "a standard deviation of -0.5 nT in row 2");
+    assert_eq!(fault.what, "the standard deviation is -0.5 nT in row 2");
     assert_eq!(fault.place.column.as_deref(), Some("noise"));
 }

@@ -1,4 +1,4 @@
-//! The assumed noise of a line's measurements: given, of its calibration, or by the likelihood of the innovations.
+//! Assumed noise of a line's measurements: from the spec, the calibration, or the likelihood of the innovations.
 
 use arrow_array::{ArrayRef, RecordBatch};
 use numerics::navigation::{
@@ -18,11 +18,12 @@ use crate::{
 };
 
 choice! {
-    /// Where unset parameters come from.
+    /// Source of unset parameters.
     pub enum Tuning {
-        /// Noise by the likelihood of each line's innovations, outliers rejected, the map continued to the heights flown.
+        /// Noise from the likelihood of each line's innovations, rejection of outliers, and map continued to the flight
+        /// heights.
         Auto = "auto",
-        /// The defaults of MagNav.jl; no gate, and the map as it is.
+        /// Defaults of MagNav.jl, no gate, and the map at its own height.
         Magnav = "magnav",
     }
 }
@@ -30,21 +31,24 @@ choice! {
 params! {
     /// Assumed noise of the measurement.
     pub struct MeasurementNoise;
-    /// White noise of a measurement: sensor, map and residual of the compensation. `"auto"` takes the residual of the
-    /// calibration, from the column `mag_sigma`.
-    measurement_sigma_nt: Option<OrAuto>, unit "nT", absent "by `tuning`: from the likelihood, or 5.0", rule Rule::Positive;
-    /// Standard deviation of the temporal variation and of all other errors that last. `"auto"` takes the column
-    /// `mag_fogm_sigma`.
-    fogm_sigma_nt: Option<OrAuto>, unit "nT", absent "by `tuning`: from the likelihood, or 3.0", rule Rule::NotNegative;
-    /// Time constant of the temporal variation. `"auto"` takes the column `mag_fogm_tau`.
-    fogm_tau_s: Option<OrAuto>, unit "s", absent "by `tuning`: from the likelihood, or 600.0", rule Rule::Positive;
-    /// A column with one sigma of what each sample's measurement errs by besides: `mag_aircraft_sigma` of an ensemble, or what a
-    /// network predicts of its own error. The noise of a sample is the root of the sum of its square and that of
-    /// `measurement_sigma_nt`; a sample without it has no measurement. Of one magnetometer.
-    noise_column: Option<String>, unit "nT", absent "the noise is the same at all samples";
+    /// Standard deviation of the white noise of a measurement: sensor, map and residual of the compensation. `"auto"`
+    /// uses the residual of the calibration, from the column `mag_sigma`.
+    measurement_sigma_nt: Option<OrAuto>, unit "nT",
+        absent "from the likelihood with `tuning = \"auto\"`, else 5.0", rule Rule::Positive;
+    /// Standard deviation of the first-order Gauss-Markov process for the temporal variation and all other slow errors.
+    /// `"auto"` uses the column `mag_fogm_sigma`.
+    fogm_sigma_nt: Option<OrAuto>, unit "nT",
+        absent "from the likelihood with `tuning = \"auto\"`, else 3.0", rule Rule::NotNegative;
+    /// Time constant of the temporal variation. `"auto"` uses the column `mag_fogm_tau`.
+    fogm_tau_s: Option<OrAuto>, unit "s",
+        absent "from the likelihood with `tuning = \"auto\"`, else 600.0", rule Rule::Positive;
+    /// Column with the standard deviation of an additional error of each sample: `mag_aircraft_sigma` of an ensemble,
+    /// or the predicted error of a network. Its square is added to the square of `measurement_sigma_nt`. A sample
+    /// without it has no measurement. Requires a single magnetometer.
+    noise_column: Option<String>, unit "nT", absent "equal noise at all samples";
 }
 
-/// Assumed noise: white, and of the Gauss-Markov process with its time constant.
+/// Assumed noise: white noise, and a first-order Gauss-Markov process with its time constant.
 #[derive(Clone, Copy)]
 pub(super) struct Expected {
     pub(super) sigma_nt: f64,
@@ -55,18 +59,18 @@ pub(super) struct Expected {
 /// MagNav.jl's white noise (nT), standard deviation of the process (nT) and time constant (s).
 const MAGNAV: [f64; 3] = [5.0, 3.0, 600.0];
 
-/// Time between two measurements that are used where their noise is found, in s: errors that last for less are white.
+/// Time between two measurements used to estimate the noise, in s. Errors that last for less are white.
 const INTERVAL_S: f64 = 5.0;
 
-/// Columns of the noise that was found: name, unit, and meaning.
+/// Columns of the estimated noise: name, unit and meaning.
 const FOUND: [(&str, &str, &str); 3] = [
-    ("noise_sigma", "nT", "white noise of the measurements that are used"),
+    ("noise_sigma", "nT", "standard deviation of the white noise of the measurements that are used"),
     ("noise_fogm_sigma", "nT", "standard deviation of the Gauss-Markov process"),
     ("noise_fogm_tau", "s", "time constant of the Gauss-Markov process"),
 ];
 
 impl Navigate {
-    /// The parameters that may be found from the data, each with the column that holds it.
+    /// Parameters that may be estimated from the data, each with its column.
     pub(super) fn of_calibration(&self) -> [(Option<OrAuto>, &'static str, &'static str, &'static str); 3] {
         let [sigma, fogm_sigma, fogm_tau] = NOISE;
         [
@@ -76,20 +80,20 @@ impl Navigate {
         ]
     }
 
-    /// Says which column is missing for what is `auto`.
+    /// Faults of missing columns for parameters that are `auto`.
     pub(super) fn auto_faults(&self, shape: &Shape) -> Vec<Fault> {
         let wanted = self.of_calibration().into_iter().filter(|(value, ..)| *value == Some(OrAuto::Auto));
         let missing = wanted.filter_map(|(_, param, column, unit)| {
             let fault = shape.number(column, unit).err()?;
-            let what = format!("`{param} = \"auto\"` is what the calibration left, and {}", fault.what);
+            let what = format!("`{param} = \"auto\"` uses the residual of the calibration, but {}", fault.what);
             let help =
-                format!("navigate on the table of a `compensate` or an `assume_noise`, or give `{param}` a number");
+                format!("set `input` to a table of `compensate` or `assume_noise`, or set `{param}` to a number");
             Some(Fault::new(what).help(help).of_param(param))
         });
         missing.collect()
     }
 
-    /// The noise of a line without a search: given, of the calibration, or MagNav.jl's.
+    /// Noise of a line without a search: from the spec, the calibration, or MagNav.jl.
     pub(super) fn expected(&self, batch: &RecordBatch) -> Result<Expected, Fault> {
         let mut values = [0.0; 3];
         for (at, (value, param, column, _)) in self.of_calibration().into_iter().enumerate() {
@@ -100,9 +104,9 @@ impl Navigate {
                     let first = floats(batch, column)?.iter().copied().find(|x| x.is_finite());
                     first.ok_or_else(|| {
                         let what = format!(
-                            "`{param} = \"auto\"` has no value: the model was fitted on lines too short to tell"
+                            "`{param} = \"auto\"` has no value: the lines of the model's fit are too short to estimate it"
                         );
-                        Fault::data(what).in_column(column).help(format!("give `{param}` a number"))
+                        Fault::data(what).in_column(column).help(format!("set `{param}` to a number"))
                     })?
                 }
             };
@@ -119,33 +123,33 @@ impl Navigate {
         Ok(Expected { sigma_nt, fogm_sigma_nt, fogm_tau_s })
     }
 
-    /// The column of the noise, for a filter that has a use for it.
+    /// Column of the noise, for a filter that uses it.
     pub(super) fn noise_column(&self) -> Option<&str> {
         self.noise.noise_column.as_deref().filter(|_| self.filter.keys.takes_field())
     }
 
-    /// What is wrong with the column of the noise.
+    /// Faults of the column of the noise.
     pub(super) fn noise_faults(&self, shape: &Shape) -> Vec<Fault> {
         let Some(column) = self.noise_column() else { return vec![] };
         let mut faults = faults_of([shape.number(column, "nT")], "noise_column");
         if self.mag.len() > 1 {
-            let what = "`noise_column` is of one magnetometer, and `mag` names several";
+            let what = "`noise_column` requires a single magnetometer, but `mag` names several";
             faults.push(Fault::new(what).of_param("noise_column"));
         }
         if self.mag.iter().any(|mag| mag == column) {
-            let what = format!("`{column}` is the measurement, and not its noise");
+            let what = format!("`{column}` is the measurement; `noise_column` requires the column of its noise");
             faults.push(Fault::new(what).of_param("noise_column"));
         }
         faults
     }
 
-    /// One sigma of each sample's measurement beside `measurement_sigma_nt`, in nT; NaN where it is unknown.
+    /// Standard deviation of each sample's additional error, in nT; NaN where it is unknown.
     pub(super) fn sample_sigma_nt(&self, batch: &RecordBatch) -> Result<Option<Vec<f64>>, Fault> {
         let Some(column) = self.noise_column() else { return Ok(None) };
         let values = floats(batch, column)?;
         if let Some(row) = values.iter().position(|sigma| *sigma < 0.0) {
-            let what = format!("a standard deviation of {} nT in row {}", values[row], row + 1);
-            let help = format!("make it at least 0 with a `derive`: `greatest({column}, 0)`");
+            let what = format!("the standard deviation is {} nT in row {}", values[row], row + 1);
+            let help = format!("limit it to 0 or more with a `derive`: `greatest({column}, 0)`");
             return Err(Fault::data(what).in_column(column).help(help));
         }
         Ok(Some(values.iter().map(|sigma| if sigma.is_finite() { *sigma } else { f64::NAN }).collect()))
@@ -153,13 +157,13 @@ impl Navigate {
 }
 
 impl Navigate {
-    /// Whether unset parameters are found from the data.
+    /// Whether unset parameters are estimated from the data.
     pub(super) fn is_auto(&self) -> bool {
         self.tuning == Tuning::Auto
     }
 
-    /// Whether the noise and the outliers of each line are found. Filters that estimate the aircraft's field from an uncompensated
-    /// magnetometer, and flights without a map, keep the given noise or MagNav.jl's.
+    /// Whether noise and outliers of each line are estimated. Filters that estimate the aircraft field from an
+    /// uncompensated magnetometer, and flights without a map, use the given noise or MagNav.jl's.
     pub(super) fn finds_noise(&self, has_map: bool) -> bool {
         let filter = &self.filter.keys;
         let compensated = |mag: &String| mag == "mag_c" || flight::is_compensated(mag);
@@ -167,39 +171,39 @@ impl Navigate {
         self.is_auto() && has_map && alone && filter.takes_field() && filter.needs_map()
     }
 
-    /// The parameters of the search: the numbers that are not searched.
+    /// Parameters of the search that are fixed.
     fn not_searched(&self, expected: &Expected) -> [Option<f64>; 3] {
         let values = [expected.sigma_nt, expected.fogm_sigma_nt, expected.fogm_tau_s];
         let given = self.of_calibration().map(|(value, ..)| value.is_some());
         [0, 1, 2].map(|at| given[at].then_some(values[at]))
     }
 
-    /// Whether the map's own error counts.
+    /// Whether the map's own error is used.
     pub(super) fn takes_map_error(&self, map: &RecordBatch) -> bool {
         let known = || floats(map, ERROR).is_ok_and(|error| error.iter().any(|nt| *nt > 0.0));
         self.map_error_length_m.is_some() || self.is_auto() && known()
     }
 
-    /// The columns of the noise that is found.
+    /// Columns of the estimated noise.
     pub(super) fn noise_columns(&self, has_map: bool) -> Vec<Column> {
         if !self.finds_noise(has_map) {
             return vec![];
         }
         let mut columns = vec![];
         for (name, unit, what) in FOUND {
-            columns.push(Column::float(name, unit, format!("{what}; NaN where the line is too short to find it")));
+            columns.push(Column::float(name, unit, format!("{what}; NaN where the line is too short to estimate it")));
             columns.push(Column::float(format!("{name}_low"), unit, "lower end of its 95 % interval"));
             columns.push(Column::float(format!("{name}_high"), unit, "upper end of its 95 % interval"));
         }
         columns.push(Column::float(
             "noise_inflation",
             "1",
-            "factor in `noise_sigma` for innovations that are correlated; 1 where they are white",
+            "factor in `noise_sigma` for correlated innovations; 1 where they are white",
         ));
         columns
     }
 
-    /// The arrays of these columns.
+    /// Arrays of these columns.
     pub(super) fn noise_arrays(&self, flown: &Flown) -> Vec<ArrayRef> {
         if !self.finds_noise(flown.map.is_some()) {
             return vec![];
@@ -212,7 +216,7 @@ impl Navigate {
         values.map(|value| array(vec![value; flown.ins.len()])).collect()
     }
 
-    /// Finds the noise and the outliers of a line, and leaves out the measurements that are not used.
+    /// Estimates the noise and the outliers of a line, and removes the measurements that are not used.
     pub(super) fn tune(
         &self,
         flown: &mut Flown,
@@ -236,7 +240,7 @@ impl Navigate {
     }
 }
 
-/// What the noise of a line is a function of.
+/// Inputs that determine the noise of a line.
 #[derive(PartialEq)]
 pub(super) struct Asked {
     map: *const u8,
@@ -261,14 +265,14 @@ impl Asked {
     }
 }
 
-/// The noise that was found for a line.
+/// Estimated noise of a line.
 #[derive(Clone)]
 pub(super) struct Tuned {
-    /// The noise; `None` where the line is too short.
+    /// Noise; `None` where the line is too short.
     noise: Option<LineNoise>,
     /// Rows whose measurements are used; `None` for all.
     rows: Option<Vec<usize>>,
-    /// The map's error at each sample, in nT.
+    /// Map error at each sample, in nT.
     map_nt: Option<Vec<f64>>,
 }
 
@@ -294,7 +298,7 @@ impl Tuned {
         Ok(Self { noise, rows, map_nt })
     }
 
-    /// Sets the noise, and leaves out the measurements between those that are used.
+    /// Sets the noise, and removes the measurements between those that are used.
     fn apply(&self, flown: &mut Flown) {
         if let Some(noise) = &self.noise {
             flown.measurement_sigma_nt = noise.sigma_nt.value;
@@ -326,7 +330,7 @@ impl Flown<'_> {
         Some(own.iter().zip(&self.counts).map(|(sigma, count)| sigma / count.sqrt()).collect())
     }
 
-    /// Leaves out measurements, which have this fate.
+    /// Removes measurements and records their outcome.
     fn leave_out(&mut self, fate: Update, which: &[bool]) {
         self.left_out.resize(self.ins.len(), None);
         for (row, _) in which.iter().enumerate().filter(|(_, is)| **is) {
@@ -337,7 +341,7 @@ impl Flown<'_> {
         }
     }
 
-    /// Leaves out the outliers: of each magnetometer where the filter takes each, else of their mean.
+    /// Removes the outliers: of each magnetometer where the filter uses each, else of their mean.
     ///
     /// # Errors
     /// Fails as [`likelihood::outliers`].

@@ -14,30 +14,31 @@ use super::further::Further;
 use crate::columns::{array, data};
 
 filter! {
-    /// The unscented Kalman filter on the states of `ekf`: the map is not linearised at the estimated position, but
-    /// regressed over its uncertainty, from seven look-ups a sample. It is the EKF where the map is straight over that
-    /// uncertainty, and takes the bend as noise where it is not; it is worth its look-ups where the position is
-    /// uncertain by more than a node of the map.
+    /// The unscented Kalman filter on the states of `ekf`. The map is not linearised at the estimated position but
+    /// regressed over its uncertainty, from seven map values per sample. Where the map is linear over that uncertainty
+    /// the filter equals the EKF; elsewhere it treats the nonlinearity of the map as noise. Use it if the position
+    /// uncertainty exceeds the node spacing of the map.
     ///
     /// Where an outer point is off the map, the map is linearised at the estimated position. `sd_nonlinear` is the part
-    /// of the innovation's standard deviation that the bend of the map makes; NaN where there was none to compute.
+    /// of the innovation's standard deviation due to the nonlinearity of the map; NaN where it is not computed.
     ///
-    /// Source: Julier & Uhlmann 2004; for a measurement that is nonlinear in the position only, Morelande & Ristic
-    /// 2006.
+    /// Source: Julier & Uhlmann 2004; Morelande & Ristic 2006, for a measurement that is nonlinear in the position
+    /// only.
     Ukf = "ukf", version 2, groups [aiding: Aiding, further: Further], example "kappa = 0.0";
-    /// Distance of the outer points, as a factor.
+    /// Scale factor of the distance of the outer points.
     alpha: f64, unit "1", default 1.0, rule Rule::Positive;
-    /// What the centre weighs more in the variance than in the mean; at least -alpha² kappa/3. The variance of a
-    /// field's bend is (5 + 4 beta)/8 of the true one on average over directions: 2 is on the cautious side.
+    /// Additional weight of the centre in the variance, compared with the mean; at least -alpha² kappa/3. The variance
+    /// of a field's nonlinearity is (5 + 4 beta)/8 of the true variance on average over directions, so 2 is cautious.
     beta: f64, unit "1", default 2.0, rule Rule::Finite;
-    /// The outer points are alpha sqrt(3 + kappa) standard deviations away; above -3. With 0 the gain is right to the
-    /// fourth moment of a normal distribution.
+    /// Parameter of the outer points, which are alpha sqrt(3 + kappa) standard deviations away; above -3. With 0 the
+    /// gain is exact to the fourth moment of a normal distribution.
     kappa: f64, unit "1", default 0.0, rule Rule::Finite;
-    /// A measurement whose squared innovation over its variance is above this is not used.
-    gate_nis: Option<f64>, unit "1", absent "outliers are rejected before the filter, or none with `tuning = \"magnav\"`", rule Rule::Positive;
-    /// How the process noise becomes a step's covariance: to second order, to first order as MagNav.jl, or exactly.
+    /// Largest NIS (squared innovation over its variance) of a measurement. Larger ones are rejected.
+    gate_nis: Option<f64>, unit "1",
+        absent "no gate; `tuning = \"auto\"` rejects outliers before the filter", rule Rule::Positive;
+    /// Discretisation of the process noise: to second order, to first order as in MagNav.jl, or exact.
     discretisation: NoiseDiscretisation, unit "", default NoiseDiscretisation::Trapezoidal;
-    /// Append the state `x` and its covariance `p` (row-major).
+    /// Appends the state `x` and its covariance `p` (row-major).
     save_state: bool, unit "", default false;
 }
 
@@ -51,7 +52,11 @@ impl NavigationFilter for Ukf {
     }
 
     fn columns(&self, _: &Flight) -> Vec<Column> {
-        let mut columns = vec![Column::float("sd_nonlinear", "nT", "one sigma of the map's bend around the estimate")];
+        let mut columns = vec![Column::float(
+            "sd_nonlinear",
+            "nT",
+            "standard deviation due to the nonlinearity of the map around the estimate",
+        )];
         if self.save_state {
             columns.extend(state_columns());
         }

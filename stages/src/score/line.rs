@@ -1,4 +1,4 @@
-//! The line that is scored: its columns, and what several metrics are made of.
+//! The line to score: its columns, and intermediate results that several metrics share.
 
 use std::cell::OnceCell;
 
@@ -15,18 +15,18 @@ use super::{
 };
 use crate::{columns::floats, corrections::had};
 
-/// Computed when the first metric asks for it.
+/// A value computed on first use.
 pub type Lazy<T> = OnceCell<Result<T, Fault>>;
 
 /// A signal before and after compensation, in nT.
 pub struct Signals {
-    /// Before.
+    /// Before compensation.
     pub before_nt: Vec<f64>,
-    /// After.
+    /// After compensation.
     pub after_nt: Vec<f64>,
 }
 
-/// Offsets of positions from the true ones.
+/// Offsets of positions from the true positions, in m.
 pub struct Offsets {
     /// Northward.
     pub north_m: Vec<f64>,
@@ -48,22 +48,22 @@ pub struct Line<'a> {
 }
 
 impl<'a> Line<'a> {
-    /// The columns of `line`, of which `places` says where they are.
+    /// Columns of `line` at the given `places`.
     pub fn new(stage: &'a Score, line: &'a LineIn, places: &'a Places) -> Line<'a> {
         let (error, signals) = (Lazy::new(), Lazy::new());
         let (track_error, radii, map_error) = (Lazy::new(), Lazy::new(), Lazy::new());
         Line { stage, line, places, error, signals, track_error, radii, map_error }
     }
 
-    /// The times of the samples, in s.
+    /// Times of the samples, in s.
     ///
     /// # Errors
-    /// When the line has no numbers in `tt`.
+    /// When the line has no numeric column `tt`.
     pub fn tt(&self) -> Result<&[f64], Fault> {
         floats(&self.line.inputs[0], "tt")
     }
 
-    /// The columns of a source, in its order.
+    /// Columns of a source, in its order.
     ///
     /// # Errors
     /// When the line lacks the source, or one of its columns does not hold numbers.
@@ -82,7 +82,7 @@ impl<'a> Line<'a> {
         floats(&self.line.inputs[place.table], name)
     }
 
-    /// The same, where there is one.
+    /// [`Line::column`] of a source that may be absent.
     ///
     /// # Errors
     /// When its column does not hold numbers.
@@ -98,7 +98,7 @@ impl<'a> Line<'a> {
         floats(&self.line.inputs[self.place(source)?.table], name)
     }
 
-    /// What became of the measurements of the track.
+    /// Outcomes of the measurements of the track.
     ///
     /// # Errors
     /// When the line lacks a track, or the track has no text in `update`.
@@ -106,7 +106,7 @@ impl<'a> Line<'a> {
         let place = self.places.get(Source::Track).map_or_else(|| self.place(Source::Innovations), Ok)?;
         let track = &self.line.inputs[place.table];
         let updates = track.column_by_name("update").and_then(|a| a.as_string_opt::<i32>());
-        updates.ok_or_else(|| Fault::data("the track does not say what became of its measurements").in_column("update"))
+        updates.ok_or_else(|| Fault::data("the track has no text column `update`").in_column("update"))
     }
 
     /// A source of one column of text.
@@ -117,7 +117,7 @@ impl<'a> Line<'a> {
         let Place { table, columns } = self.place(source)?;
         let name = columns.first().ok_or_else(|| self.without(source))?;
         let texts = self.line.inputs[*table].column_by_name(name).and_then(|a| a.as_string_opt::<i32>());
-        texts.ok_or_else(|| Fault::data("the column does not hold text").in_column(name))
+        texts.ok_or_else(|| Fault::data("the column is not text").in_column(name))
     }
 
     fn place(&self, source: Source) -> Result<&Place, Fault> {
@@ -131,15 +131,15 @@ impl<'a> Line<'a> {
     /// Compensated minus truth.
     ///
     /// # Errors
-    /// As [`Line::column`] for the signal and the truth.
+    /// Fails as [`Line::column`] for the signal and the truth.
     pub fn error(&self) -> Result<&Summary, Fault> {
         known(&self.error, || Ok(statistics::error_summary(self.column(Source::Signal)?, self.column(Source::Truth)?)))
     }
 
-    /// The signal before and after compensation, less the truth where there is one.
+    /// Signal before and after compensation, minus the truth if there is one.
     ///
     /// # Errors
-    /// As [`Line::column`] for the signal and what compensation took off it, and as [`Line::optional`] for the truth.
+    /// Fails as [`Line::column`] for the signal and the aircraft field, and as [`Line::optional`] for the truth.
     pub fn signals(&self) -> Result<&Signals, Fault> {
         known(&self.signals, || {
             let (mag, aircraft) = (self.column(Source::Signal)?, self.column(Source::Aircraft)?);
@@ -151,19 +151,21 @@ impl<'a> Line<'a> {
         })
     }
 
-    /// The compensated signal less core field and, where there is one, diurnal variation, in nT.
+    /// Compensated signal minus core field and, if available, diurnal variation, in nT.
     ///
     /// # Errors
-    /// As [`Line::column`] for the signal and the core field, and as [`Line::optional`] for the diurnal variation.
+    /// Fails as [`Line::column`] for the signal and the core field, and as [`Line::optional`] for the diurnal
+    /// variation.
     pub fn measured_anomaly(&self) -> Result<Vec<f64>, Fault> {
         self.anomaly_of(Source::Signal)
     }
 
-    /// The same of the truth. Where the core field is not known, its gradient is taken for the straight line of the truth.
+    /// True signal minus core field and diurnal variation, in nT. Without a core field, minus its straight line over
+    /// time.
     ///
     /// # Errors
-    /// As [`Line::column`] for the truth; with a core field as [`Line::optional`] for it and the diurnal variation,
-    /// without one as [`Line::tt`].
+    /// Fails as [`Line::column`] for the truth; with a core field as [`Line::optional`] for it and the diurnal
+    /// variation, without one as [`Line::tt`].
     pub fn true_anomaly(&self) -> Result<Vec<f64>, Fault> {
         match self.places.get(Source::Core) {
             Some(_) => self.anomaly_of(Source::Truth),
@@ -171,7 +173,7 @@ impl<'a> Line<'a> {
         }
     }
 
-    /// A field less what of the core field and the diurnal variation was not removed before.
+    /// A field minus the core field and the diurnal variation, unless they were removed before.
     fn anomaly_of(&self, field: Source) -> Result<Vec<f64>, Fault> {
         let (core, diurnal) = (self.column(Source::Core)?, self.optional(Source::Diurnal)?);
         let (place, values) = (self.place(field)?, self.column(field)?);
@@ -186,17 +188,17 @@ impl<'a> Line<'a> {
     /// The measured anomaly minus the map.
     ///
     /// # Errors
-    /// As [`Line::measured_anomaly`], and as [`Line::named`] for the map.
+    /// Fails as [`Line::measured_anomaly`], and as [`Line::named`] for the map.
     pub fn map_error(&self) -> Result<&Summary, Fault> {
         known(&self.map_error, || {
             Ok(statistics::error_summary(&self.measured_anomaly()?, self.named(Source::Map, "map_anomaly")?))
         })
     }
 
-    /// The track minus the true positions; NaN for the track of a bound, which is the truth itself.
+    /// Track minus true positions; NaN for the track of a bound, which is the truth itself.
     ///
     /// # Errors
-    /// As [`Line::named`] for the track, and as [`Line::position`].
+    /// Fails as [`Line::named`] for the track, and as [`Line::position`].
     pub fn track_error(&self) -> Result<&Offsets, Fault> {
         known(&self.track_error, || {
             let Offsets { north_m, east_m } =
@@ -205,15 +207,15 @@ impl<'a> Line<'a> {
         })
     }
 
-    /// Errors of a track; NaN where the track is that of a bound, which has no estimate.
+    /// Errors of a track; NaN for the track of a bound, which has no estimate.
     pub fn unless_bound(&self, errors: Vec<f64>) -> Vec<f64> {
         if self.places.get(Source::Bound).is_some() { vec![f64::NAN; errors.len()] } else { errors }
     }
 
-    /// The horizontal distances of the track from the truth, in m, sorted; unknown ones are left out.
+    /// Horizontal distances of the track from the truth, in m, sorted, without unknown ones.
     ///
     /// # Errors
-    /// As [`Line::track_error`].
+    /// Fails as [`Line::track_error`].
     pub fn radii(&self) -> Result<&[f64], Fault> {
         let radii = known(&self.radii, || {
             let Offsets { north_m, east_m } = self.track_error()?;
@@ -225,10 +227,10 @@ impl<'a> Line<'a> {
         Ok(radii)
     }
 
-    /// Positions minus the true ones.
+    /// Positions minus the true positions.
     ///
     /// # Errors
-    /// As [`Line::position`].
+    /// Fails as [`Line::position`].
     pub fn offsets(&self, lat: &[f64], lon: &[f64]) -> Result<Offsets, Fault> {
         let (true_lat, true_lon) = self.position()?;
         let offset = |i: usize| EarthModel::default().offset_ne_m((true_lat[i], true_lon[i]), (lat[i], lon[i]), 0.0);
@@ -239,7 +241,7 @@ impl<'a> Line<'a> {
     /// True latitudes and longitudes, in degrees.
     ///
     /// # Errors
-    /// As [`Line::named`] for the true positions.
+    /// Fails as [`Line::named`] for the true positions.
     pub fn position(&self) -> Result<(&[f64], &[f64]), Fault> {
         Ok((self.named(Source::Position, "lat")?, self.named(Source::Position, "lon")?))
     }

@@ -9,20 +9,21 @@ use schemas::{Fault, metric::Shown};
 use super::{line::Line, metric::metric, source::Source};
 
 metric! {
-    /// error to expect because the map was taken at another height than the line's; of the continuation with `map_levels_m`
+    /// expected error of the map at the line's height, because its own height differs; with `map_levels_m`, of its
+    /// continuation
     MAP_HEIGHT_ERROR = "map_height_error", unit "nT", pool Rms, better Neither, needs [Track, MapHeight];
     |line| Ok(statistics::mean(line.column(Source::MapHeight)?))
 }
 
 metric! {
-    /// standard deviation (n - 1) of the compensated signal, less core field and diurnal variation, minus the map
+    /// standard deviation (n - 1) of the compensated signal, minus core field and diurnal variation, minus the map
     MAP_STD_ERROR = "map_std_error", unit "nT", pool Rms, better Lower,
     shown Shown::column(130, 100).rank(60), needs [Map, Signal, Core], uses [Diurnal];
     |line| line.map_error().map(|e| Figure { value: e.std, n: e.n })
 }
 
 metric! {
-    /// mean of the compensated signal, less core field and diurnal variation, minus the map
+    /// mean of the compensated signal, minus core field and diurnal variation, minus the map
     MAP_BIAS_ERROR = "map_bias_error", unit "nT", pool Mean, better Neither,
     needs [Map, Signal, Core], uses [Diurnal];
     |line| line.map_error().map(|e| Figure { value: e.mean, n: e.n })
@@ -36,7 +37,7 @@ metric! {
 }
 
 metric! {
-    /// least root mean square horizontal error with which a constant offset of the line can be found on the map
+    /// least root mean square horizontal error of a constant offset of the line estimated on the map
     MAP_POSITION_BOUND = "map_position_bound", unit "m", pool Rms, better Neither,
     shown Shown::column(150, 70), needs [Map, Position];
     |line| {
@@ -45,12 +46,12 @@ metric! {
     }
 }
 
-/// The slopes of the map, north and east, in nT/m.
+/// Slopes of the map, north and east, in nT/m.
 fn slopes<'a>(line: &'a Line) -> Result<(&'a [f64], &'a [f64]), Fault> {
     Ok((line.named(Source::Map, "map_grad_n")?, line.named(Source::Map, "map_grad_e")?))
 }
 
-/// From one sample to the next.
+/// Slope along the track from one sample to the next.
 fn gradient_along_track(line: &Line) -> Result<Figure, Fault> {
     let (lat, lon) = line.position()?;
     let (north, east) = slopes(line)?;

@@ -1,4 +1,4 @@
-//! What a metric is made of.
+//! Definition of a metric.
 
 use std::sync::Arc;
 
@@ -7,24 +7,25 @@ use schemas::{Fault, Kind, Own, Reader, metric::Metric};
 
 use super::{line::Line, source::Source};
 
-/// A metric and how a line is scored by it.
+/// A metric and its computation on a line.
 #[derive(Clone, Copy, Debug)]
 pub struct Scorer {
-    /// What is known of it without a line.
+    /// Properties that do not depend on a line.
     pub metric: Metric,
-    /// Raised whenever its value changes, for a metric that is not built in; those share the version of `score`.
+    /// Version, raised whenever the value changes, of a metric that is not built in. Built-in metrics share the version
+    /// of `score`.
     pub version: u32,
-    /// What it cannot do without.
+    /// Required sources.
     pub needs: &'static [Source],
-    /// What it takes into account where it is there.
+    /// Sources used if available.
     pub uses: &'static [Source],
-    /// Its value.
+    /// Computation of the value.
     pub score: fn(&Line) -> Result<Figure, Fault>,
-    /// The sorted samples that it is a quantile of, by which lines are pooled.
+    /// Sorted samples whose quantile the metric is. Lines are pooled over them.
     pub spread: Option<Spread>,
 }
 
-/// The sorted samples of a line that a metric is a quantile of.
+/// Sorted samples of a line whose quantile a metric is.
 pub type Spread = for<'l> fn(&'l Line) -> Result<&'l [f64], Fault>;
 
 impl Kind for Scorer {
@@ -51,9 +52,9 @@ impl Scorer {
     }
 }
 
-/// Declares a [`Scorer`]: its meaning (a sentence without its full stop), name, unit, how lines are pooled, which values
-/// are good, where it is shown (default: nowhere), the samples that it is a quantile of (default: none), what it needs
-/// and uses, and its value.
+/// Declares a [`Scorer`]: its meaning (a sentence without its full stop), name, unit, pooling over lines, preferred
+/// values, place in tables (default: none), samples whose quantile it is (default: none), required and used sources,
+/// and computation.
 #[macro_export]
 macro_rules! metric {
     (

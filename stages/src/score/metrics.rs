@@ -1,4 +1,4 @@
-//! The list of all metrics.
+//! List of all metrics.
 
 use super::{map, metric::Scorer, signal, track};
 

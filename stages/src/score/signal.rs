@@ -23,7 +23,7 @@ use crate::{
 };
 
 metric! {
-    /// standard deviation (n - 1) of compensated minus truth: a constant does not count
+    /// standard deviation (n - 1) of compensated minus truth; a constant has no effect
     STD_ERROR = "std_error", unit "nT", pool Rms, better Lower,
     shown Shown::column(20, 130).rank(20).heat_map(), needs [Signal, Truth];
     |line| line.error().map(|e| Figure { value: e.std, n: e.n })
@@ -36,7 +36,7 @@ metric! {
 }
 
 metric! {
-    /// root mean square (n) of compensated minus truth: a constant counts
+    /// root mean square (n) of compensated minus truth; a constant has an effect
     RMS_ERROR = "rms_error", unit "nT", pool Rms, better Lower, needs [Signal, Truth];
     |line| line.error().map(|e| Figure { value: e.rms, n: e.n })
 }
@@ -49,22 +49,23 @@ metric! {
 }
 
 metric! {
-    /// `std_uncompensated` over the same of the compensated signal: above 1 is better than nothing
+    /// `std_uncompensated` divided by the same quantity of the compensated signal; above 1, compensation reduces the
+    /// error
     IMPROVEMENT_RATIO = "improvement_ratio", unit "1", pool Mean, better Higher,
     shown Shown::column(30, 90).rank(40), needs [Signal, Aircraft], uses [Truth];
     |line| line.signals().map(|s| statistics::improvement_ratio(&s.before_nt, &s.after_nt))
 }
 
 metric! {
-    /// `improvement_ratio` of both signals after a band-pass from `low_hz` to `high_hz`
+    /// `improvement_ratio` of both signals after a band-pass filter from `low_hz` to `high_hz`
     IMPROVEMENT_RATIO_BAND = "improvement_ratio_band", unit "1", pool Mean, better Higher,
     shown Shown::column(40, 60).rank(30), needs [Signal, Aircraft], uses [Truth];
     improvement_ratio_band
 }
 
 metric! {
-    /// standard deviation of the true anomaly (truth less `igrf` and `diurnal`; without `igrf`, truth less its straight
-    /// line over time) over that of compensated minus truth
+    /// standard deviation of the true anomaly (truth minus `igrf` and `diurnal`; without `igrf`, truth minus its
+    /// straight line over time) divided by that of compensated minus truth
     SNR = "snr", unit "1", pool Mean, better Higher,
     shown Shown::column(50, 30), needs [Signal, Truth], uses [Core, Diurnal];
     |line| {
@@ -74,33 +75,33 @@ metric! {
 }
 
 metric! {
-    /// slope of the compensated signal, less core field and diurnal variation, over the true anomaly: 1 keeps the
-    /// geology whole; n is the energy of the anomaly about its mean, nT^2, by which lines are weighted; null where a line
-    /// amounts to no more than two independent samples
+    /// slope of the compensated signal, minus core field and diurnal variation, over the true anomaly; 1 keeps the
+    /// whole anomaly; n is the energy of the anomaly about its mean, nT^2, and weights the lines; null where a line has
+    /// at most two independent samples
     ANOMALY_RETENTION = "anomaly_retention", unit "1", pool Mean, better Near(1.0),
     shown Shown::column(60, 80), needs [Signal, Anomaly, Core], uses [Diurnal];
     |line| Ok(retention(line)?.0)
 }
 
 metric! {
-    /// standard error of `anomaly_retention`, for a residual and an anomaly that both change slowly; of several lines that
-    /// of their pooled slope; retentions within two of it are not distinguishable
+    /// standard error of `anomaly_retention`, for a slowly changing residual and anomaly; pooled: that of the pooled
+    /// slope; retentions within two standard errors are indistinguishable
     ANOMALY_RETENTION_SE = "anomaly_retention_se", unit "1", pool Error, better Neither,
     shown Shown::column(62, 78), needs [Signal, Anomaly, Core], uses [Diurnal];
     |line| Ok(retention(line)?.1)
 }
 
 metric! {
-    /// Noriega's index of a calibration box: the sum over its twelve manoeuvres (pitch, roll and yaw on four headings) of
-    /// the mean peak-to-peak amplitude of the band-passed compensated signal; null without all twelve
+    /// Noriega's index of a calibration box: sum over its twelve manoeuvres (pitch, roll and yaw on four headings) of
+    /// the mean peak-to-peak amplitude of the band-passed compensated signal; null unless all twelve are present
     FIGURE_OF_MERIT = "figure_of_merit", unit "nT", pool Rms, better Lower,
     shown Shown::column(70, 40), needs [Signal, Attitude];
     of_manoeuvres
 }
 
 metric! {
-    /// thesis 001's: root mean square difference of the compensated signal between samples that are at most 1 m apart and
-    /// more than 1 s, where the track crosses itself; n counts pairs
+    /// crossing error of Lee 2019: root mean square difference of the compensated signal between samples at most 1 m
+    /// and more than 1 s apart, where the track crosses itself; n counts pairs
     FIGURE_OF_MERIT_CROSSINGS = "figure_of_merit_crossings", unit "nT", pool Rms, better Lower,
     shown Shown::column(80, 50).rank(50), needs [Signal, Position];
     at_crossings
@@ -118,7 +119,7 @@ fn improvement_ratio_band(line: &Line) -> Result<Figure, Fault> {
     Ok(statistics::improvement_ratio(&banded(before_nt)?, &banded(after_nt)?))
 }
 
-/// The retention and its standard error, weighted by the energy of the anomaly.
+/// Retention and its standard error, weighted by the energy of the anomaly.
 fn retention(line: &Line) -> Result<(Figure, Figure), Fault> {
     let anomaly = line.column(Source::Anomaly)?;
     // Less core field and diurnal variation the true reading is the anomaly itself.
@@ -179,7 +180,7 @@ mod tests {
 
     #[test]
     fn law_a_signal_with_a_fifth_of_its_error_left_is_five_times_better() {
-        // The error has no mean and no slope over four samples, so that nothing of it is taken for truth.
+        // The error has no mean and no slope over four samples, so none of it counts as truth.
         let error = |scale: f64| seconds(40, move |t| scale * TURN[t as usize % 4]);
         let truth = seconds(40, |t| 52_000.0 + 10.0 * TURN[t as usize / 10]);
         let mag = truth.iter().zip(error(1.0)).map(|(t, e)| t + e).collect();

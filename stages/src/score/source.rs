@@ -1,30 +1,30 @@
-//! What metrics read: columns, in whichever of the tables to score they are.
+//! Inputs of metrics: columns in any of the tables to score.
 
 use schemas::{Role, Shape};
 
 use super::Score;
 use crate::navigate::{DRMS_BOUND, GNSS_UPDATE, MAP_HEIGHT_ERROR, MAP_SLOPE};
 
-/// A column, or several that belong together.
+/// A column or a group of columns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Source {
-    /// The signal to score, which `mag` names.
+    /// Signal to score, named by `mag`.
     Signal,
-    /// What compensation took off it.
+    /// Aircraft field that compensation subtracted.
     Aircraft,
-    /// The true signal, which `truth` names.
+    /// True signal, named by `truth`.
     Truth,
-    /// The error of a track's map for its height.
+    /// Error of a track's map due to its height.
     MapHeight,
     /// The core field.
     Core,
     /// The diurnal variation.
     Diurnal,
-    /// The known anomaly of a simulation.
+    /// Known anomaly of a simulation.
     Anomaly,
     /// Roll, pitch and yaw, true or of the INS.
     Attitude,
-    /// The map's value at the samples and its slopes north and east.
+    /// Value of the map at the samples and its slopes north and east.
     Map,
     /// True latitude and longitude.
     Position,
@@ -32,38 +32,38 @@ pub enum Source {
     Height,
     /// True velocity north, east and down.
     Velocity,
-    /// The latitude and longitude of the INS.
+    /// Latitude and longitude of the INS.
     Ins,
     /// The track of a filter.
     Track,
-    /// Its velocity north, east and down.
+    /// Velocity of the track, north, east and down.
     TrackVelocity,
-    /// The bound of its horizontal error, which has no estimate.
+    /// Lower bound of the horizontal error, without an estimate.
     Bound,
-    /// Its innovations: in nT, and squared over their variance.
+    /// Innovations of the track: in nT, and squared over their variance.
     Innovations,
-    /// The slope of the map along a track.
+    /// Slope of the map along a track.
     Slope,
-    /// The outcome for the positions by GNSS along a track.
+    /// Outcomes of the positions by GNSS along a track.
     Gnss,
     /// A column of this name.
     Column(&'static str),
 }
 
-/// The known anomaly of a simulation.
+/// Column of the known anomaly of a simulation.
 const ANOMALY: &str = "anomaly_truth";
 
-/// Where a source is.
+/// Location of a source.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Place {
-    /// The input.
+    /// Index of the input.
     pub table: usize,
-    /// The columns.
+    /// Column names.
     pub columns: Vec<String>,
 }
 
 impl Source {
-    /// All but single columns, in the order in which they are read.
+    /// All sources except single columns, in reading order.
     const ALL: [Source; 19] = [
         Source::Signal,
         Source::Aircraft,
@@ -86,7 +86,7 @@ impl Source {
         Source::Gnss,
     ];
 
-    /// What is true, in the order in which its absence is reported.
+    /// Truths, in the order in which their absence is reported.
     pub const TRUTHS: [Source; 4] = [Source::Truth, Source::Position, Source::Height, Source::Velocity];
 
     /// Whether it is a truth.
@@ -94,7 +94,7 @@ impl Source {
         Self::TRUTHS.contains(&self)
     }
 
-    /// The first table that has all its columns.
+    /// First table that has all columns of the source.
     fn find(self, stage: &Score, shapes: &[&Shape]) -> Option<Place> {
         let of_role = |names: &[&str], role: Option<Role>| {
             let has = |s: &Shape, name: &str| s.get(name).is_some_and(|c| role.is_none_or(|r| c.role == r));
@@ -126,7 +126,7 @@ impl Source {
         }
     }
 
-    /// What to give so that it is there.
+    /// Description of the source in messages about its absence.
     pub fn words(self, stage: &Score) -> String {
         match self {
             Source::Signal => format!("a table with `{}`", stage.mag),
@@ -151,12 +151,12 @@ impl Source {
     }
 }
 
-/// Where each source is, of those that there are.
+/// Locations of the available sources.
 #[derive(Clone, Debug)]
 pub struct Places(Vec<(Source, Place)>);
 
 impl Places {
-    /// Looks for all of them, and for the single columns that metrics read.
+    /// Finds all sources, and the single columns that metrics read.
     pub fn find(stage: &Score, shapes: &[&Shape]) -> Places {
         let mut sources = Source::ALL.to_vec();
         for source in stage.metrics.all().iter().flat_map(|scorer| scorer.needs.iter().chain(scorer.uses)) {
@@ -167,12 +167,12 @@ impl Places {
         Places(sources.into_iter().filter_map(|s| Some((s, s.find(stage, shapes)?))).collect())
     }
 
-    /// Where one is.
+    /// Location of a source.
     pub fn get(&self, source: Source) -> Option<&Place> {
         self.0.iter().find(|(s, _)| *s == source).map(|(_, place)| place)
     }
 
-    /// All that there are, in the order in which they are read.
+    /// All available sources, in reading order.
     pub fn iter(&self) -> impl Iterator<Item = (Source, &Place)> {
         self.0.iter().map(|(source, place)| (*source, place))
     }

@@ -1,4 +1,4 @@
-//! Metrics of a track, of the INS alone and of the filter's opinion of itself.
+//! Metrics of a track, of the INS alone, and of the consistency of the filter.
 
 use arrow_array::Array;
 use numerics::regression::{
@@ -12,28 +12,28 @@ use crate::navigate::{GnssUpdate, Update};
 use super::{line::Line, metric::metric, source::Source};
 
 metric! {
-    /// distance root mean square: the root of the mean squared horizontal error of the track, about the truth
+    /// distance root mean square: square root of the mean squared horizontal error of the track
     DRMS = "drms", unit "m", pool Rms, better Lower,
     shown Shown::column(100, 150).rank(10).heat_map(), needs [Track, Position], uses [Bound];
     |line| line.track_error().map(|e| statistics::drms(&e.north_m, &e.east_m))
 }
 
 metric! {
-    /// bound: least drms that any filter with the models of `crlb` could have; no filter's result
+    /// lower bound of the `drms` of any filter with the models of `crlb`; not the result of a filter
     DRMS_BOUND = "drms_bound", unit "m", pool Rms, better Neither,
     shown Shown::column(105, 105), needs [Bound];
     |line| Ok(statistics::rms(line.column(Source::Bound)?))
 }
 
 metric! {
-    /// circular error probable: the radius about the truth that holds half of the samples of the track
+    /// circular error probable: radius about the truth that contains half of the samples of the track
     CEP = "cep", unit "m", pool Quantile(50), better Lower, spread radii,
     needs [Track, Position], uses [Bound];
     |line| radius(line, 0.5)
 }
 
 metric! {
-    /// radius about the truth that holds 95 % of the samples of the track
+    /// radius about the truth that contains 95 % of the samples of the track
     R95 = "r95", unit "m", pool Quantile(95), better Lower, spread radii,
     needs [Track, Position], uses [Bound];
     |line| radius(line, 0.95)
@@ -58,7 +58,7 @@ metric! {
 }
 
 metric! {
-    /// mean radial spherical error: the root of the mean squared error of the position in three dimensions
+    /// mean radial spherical error: square root of the mean squared three-dimensional position error
     MRSE = "mrse", unit "m", pool Rms, better Lower, needs [Track, Position, Height], uses [Bound];
     |line| {
         let (e, down_m) = (line.track_error()?, down_error(line)?);
@@ -98,7 +98,7 @@ metric! {
 }
 
 metric! {
-    /// drms of the INS alone: what the filter must be better than
+    /// `drms` of the INS alone, the baseline of the filter
     INS_DRMS = "ins_drms", unit "m", pool Rms, better Neither,
     shown Shown::column(90, 140), needs [Position, Ins];
     |line| {
@@ -109,32 +109,32 @@ metric! {
 
 metric! {
     /// mean normalised estimation error squared e'P^-1e of the horizontal position; 2 for a consistent filter, more for
-    /// one that trusts itself too much, less for one that is too cautious
+    /// an overconfident one, less for a cautious one
     NEES = "nees", unit "1", pool Mean, better Near(2.0),
     shown Shown::column(110, 110), needs [Track, Position], uses [Bound];
     |line| Ok(statistics::mean(&position_nees(line)?))
 }
 
 metric! {
-    /// mean normalised innovation squared of the measurements that the gate did not reject; 1 for a consistent filter, more for one that trusts itself too much, less for
-    /// one that is too cautious
+    /// mean normalised innovation squared of the measurements that the gate accepted; 1 for a consistent filter, more
+    /// for an overconfident one, less for a cautious one
     NIS = "nis", unit "1", pool Mean, better Near(1.0),
     shown Shown::column(120, 120).rank(70), needs [Track];
     |line| Ok(statistics::mean(&ungated(line, line.named(Source::Track, "nis")?)?))
 }
 
 metric! {
-    /// whether the mean `nees` is within its chi-square 95 % band, 1 or 0 a line, for as many independent samples as its
-    /// autocorrelation leaves; 0.95 on average for a consistent filter. A line of a few correlation times of the error
-    /// alone has too narrow a band
+    /// whether the mean `nees` is within its 95 % chi-square band, 1 or 0 per line, for the number of independent
+    /// samples from its autocorrelation; 0.95 on average for a consistent filter. The band is too narrow for a line of
+    /// only a few correlation times of the error
     NEES_CONSISTENT = "nees_consistent", unit "1", pool Mean, better Higher,
     needs [Track, Position], uses [Bound];
     |line| Ok(consistency::within_chi_square_band(&position_nees(line)?, 2.0))
 }
 
 metric! {
-    /// whether the mean `nis` is within its chi-square 95 % band, 1 or 0 a line, for as many independent samples as its
-    /// autocorrelation leaves; 0.95 on average for a consistent filter
+    /// whether the mean `nis` is within its 95 % chi-square band, 1 or 0 per line, for the number of independent
+    /// samples from its autocorrelation; 0.95 on average for a consistent filter
     NIS_CONSISTENT = "nis_consistent", unit "1", pool Mean, better Higher, needs [Track];
     |line| {
         Ok(consistency::within_chi_square_band(&ungated(line, line.named(Source::Track, "nis")?)?, 1.0))
@@ -142,8 +142,9 @@ metric! {
 }
 
 metric! {
-    /// share of the autocorrelations of the innovations, over their predicted deviations, at lags of 1 to 20 samples that
-    /// are within 1.96/sqrt(n) of 0; 0.95 on average for white innovations, less where something is left in them
+    /// share of the autocorrelations of the innovations, divided by their predicted standard deviations, at lags of 1
+    /// to 20 samples, that are within 1.96/sqrt(n) of 0; 0.95 on average for white innovations, less for correlated
+    /// ones
     WHITENESS = "whiteness", unit "1", pool Mean, better Near(0.95), needs [Innovations];
     |line| {
         let of = |name| line.named(Source::Innovations, name);
@@ -154,52 +155,52 @@ metric! {
 }
 
 metric! {
-    /// share of the samples whose true position is within the track's three-sigma ellipse; 0.989 for a consistent filter
+    /// share of the samples with a true position within the track's three-sigma ellipse; 0.989 for a consistent filter
     ERROR_WITHIN_3SIGMA = "error_within_3sigma", unit "1", pool Mean, better Near(0.989),
     needs [Track, Position], uses [Bound];
     |line| Ok(share(&position_nees(line)?, |nees| nees <= 9.0))
 }
 
 metric! {
-    /// share of the samples whose true position is outside the track's five-sigma ellipse, where the filter has lost the
-    /// truth without knowing; 0.000004 for a consistent filter
+    /// share of the samples with a true position outside the track's five-sigma ellipse, an undetected loss of the
+    /// position; 0.000004 for a consistent filter
     DIVERGENCE = "divergence", unit "1", pool Mean, better Lower,
     needs [Track, Position], uses [Bound];
     |line| Ok(share(&position_nees(line)?, |nees| nees > 25.0))
 }
 
 metric! {
-    /// measurements that the filter used
+    /// number of measurements that the filter used
     SAMPLES_USED = "samples_used", unit "1", pool Sum, better Neither, needs [Track];
     |line| count(line, Update::Used)
 }
 
 metric! {
-    /// samples without a measurement
+    /// number of samples without a measurement
     SAMPLES_MISSING = "samples_missing", unit "1", pool Sum, better Neither, needs [Track];
     |line| count(line, Update::Missing)
 }
 
 metric! {
-    /// samples off the map or in an unknown cell
+    /// number of samples off the map or in an unknown cell
     SAMPLES_OFF_MAP = "samples_off_map", unit "1", pool Sum, better Neither, needs [Track];
     |line| count(line, Update::OffMap)
 }
 
 metric! {
-    /// measurements that the innovation gate left out
+    /// number of measurements that the innovation gate rejected
     SAMPLES_GATED = "samples_gated", unit "1", pool Sum, better Neither, needs [Track];
     |line| count(line, Update::Gated)
 }
 
 metric! {
-    /// samples where the map is too flat to tell a position (`flat_over_m` of `navigate`)
+    /// number of samples where the map is too flat to observe the position (`flat_over_m` of `navigate`)
     SAMPLES_FLAT = "samples_flat", unit "1", pool Sum, better Neither, needs [Track, Slope];
     |line| count(line, Update::Flat)
 }
 
 metric! {
-    /// positions by GNSS that the test against the INS rejected, of those that there were
+    /// number of positions by GNSS that the test against the INS rejected
     GNSS_REJECTED = "gnss_rejected", unit "1", pool Sum, better Neither, needs [Gnss];
     |line| {
         let updates = line.texts(Source::Gnss)?;
@@ -209,52 +210,52 @@ metric! {
     }
 }
 
-/// The normalised square of the horizontal position error of each sample.
+/// Normalised estimation error squared of the horizontal position of each sample.
 fn position_nees(line: &Line) -> Result<Vec<f64>, Fault> {
     let (e, of_track) = (line.track_error()?, |name| line.named(Source::Track, name));
     let (sd_n, sd_e, cov_ne) = (of_track("sd_n")?, of_track("sd_e")?, of_track("cov_ne")?);
     Ok(statistics::position_nees(&e.north_m, &e.east_m, sd_n, sd_e, cov_ne))
 }
 
-/// The samples that a radius is a quantile of.
+/// Samples whose quantile a radius is.
 fn radii<'l>(line: &'l Line) -> Result<&'l [f64], Fault> {
     line.radii()
 }
 
-/// The radius about the truth that holds a part of the samples.
+/// Radius about the truth that contains a fraction of the samples.
 fn radius(line: &Line, part: f64) -> Result<Figure, Fault> {
     let radii = line.radii()?;
     Ok(Figure { value: statistics::quantile(radii, part), n: radii.len() })
 }
 
-/// Height of the track minus the true one, in m.
+/// Height of the track minus the true height, in m.
 fn down_error(line: &Line) -> Result<Vec<f64>, Fault> {
     let (track, truth) = (line.named(Source::Track, "alt")?, line.column(Source::Height)?);
     Ok(line.unless_bound(track.iter().zip(truth).map(|(track, truth)| track - truth).collect()))
 }
 
-/// The error of one component of the velocity: north, east or down.
+/// Error of one component of the velocity: north, east or down.
 fn velocity_error(line: &Line, component: usize) -> Result<Figure, Fault> {
     let (track, truth) = (line.columns(Source::TrackVelocity)?, line.columns(Source::Velocity)?);
     let error = track[component].iter().zip(truth[component]).map(|(track, truth)| track - truth);
     Ok(statistics::rms(&line.unless_bound(error.collect())))
 }
 
-/// The values with NaN where the gate rejected the measurement.
+/// Values, with NaN where the gate rejected the measurement.
 fn ungated(line: &Line, values: &[f64]) -> Result<Vec<f64>, Fault> {
     let gated = |word: Option<&str>| word == Some(Update::Gated.word());
     let known = |(value, word): (&f64, Option<&str>)| if gated(word) { f64::NAN } else { *value };
     Ok(values.iter().zip(line.updates()?).map(known).collect())
 }
 
-/// The share of the finite values that are so.
+/// Share of the finite values that satisfy `so`.
 fn share(values: &[f64], so: fn(f64) -> bool) -> Figure {
     let known = || values.iter().filter(|x| x.is_finite());
     let n = known().count();
     Figure { value: known().filter(|x| so(**x)).count() as f64 / n as f64, n }
 }
 
-/// The number of samples whose `update` is this one.
+/// Number of samples with this `update`.
 fn count(line: &Line, update: Update) -> Result<Figure, Fault> {
     let updates = line.updates()?;
     let n = updates.iter().filter(|word| *word == Some(update.word())).count();

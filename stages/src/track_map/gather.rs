@@ -1,4 +1,4 @@
-//! The measurements of lines at the positions of their tracks.
+//! Measurements of lines at the positions of their tracks.
 
 use arrow_array::RecordBatch;
 use numerics::earth::core_field::CoreField;
@@ -32,14 +32,14 @@ pub struct Lines {
     stages: Vec<TrackMap>,
 }
 
-/// A line, as each point sees it.
+/// A line, for each point.
 pub struct Part {
     flight: String,
     of: Vec<Result<Vec<Measured>, Fault>>,
 }
 
 impl Lines {
-    /// For these points of a sweep.
+    /// Gathers for these points of a sweep.
     pub fn new(stages: Vec<&TrackMap>) -> Lines {
         Lines { stages: stages.into_iter().cloned().collect() }
     }
@@ -70,7 +70,7 @@ impl Gather for Lines {
 }
 
 impl TrackMap {
-    /// The measurements of a line, averaged.
+    /// Averaged measurements of a line.
     pub(super) fn measured(&self, line: &LineIn) -> Result<Vec<Measured>, Fault> {
         let batch = line.inputs.first().ok_or_else(|| Fault::bug("a survey without lines"))?;
         let track = line.inputs.get(1);
@@ -80,7 +80,7 @@ impl TrackMap {
         {
             return Err(Fault::data("the line and its track have different samples")
                 .in_column("tt")
-                .help("name the table that the track was made from"));
+                .help("set `input` to the table that the track was made from"));
         }
         let [lat, lon, alt] = columns(track.unwrap_or(batch), PLACE)?;
         let spread = track.map(|track| columns(track, SPREAD)).transpose()?;
@@ -123,8 +123,8 @@ fn columns<'a>(batch: &'a RecordBatch, names: [&str; 3]) -> Result<[&'a [f64]; 3
     Ok([floats(batch, a)?, floats(batch, b)?, floats(batch, c)?])
 }
 
-/// Means of the measurements within each interval, which begins with a measurement. Longitudes of one interval are on one
-/// side of the date line.
+/// Means of the measurements within each interval. An interval begins with a measurement. Longitudes within an interval
+/// are on one side of the date line.
 fn averaged(all: impl Iterator<Item = Measured>, interval_s: f64) -> Vec<Measured> {
     let mut groups: Vec<(Measured, f64, f64)> = vec![];
     // A clock's rounding must not make every other interval a sample longer.

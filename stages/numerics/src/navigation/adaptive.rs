@@ -1,41 +1,42 @@
-//! The extended Kalman filter with noise that it learns from its own innovations, for one magnetometer or several.
+//! The extended Kalman filter that estimates its noise from its innovations, for one or several magnetometers.
 //!
-//! Covariance matching makes the innovations as large as the filter says they are [Mehra 1970, 1972; Mohamed & Schwarz
-//! 1999; thesis 000, (5.46)-(5.49)]. With v_j the innovations of the last N samples of a magnetometer, before the one
-//! that is being used:
+//! Covariance matching makes the variance of the innovations equal to their predicted variance [Mehra 1970, 1972;
+//! Mohamed & Schwarz 1999; Gnadt 2022, (5.46)-(5.49)]. With v_j the innovations of the last N samples of a magnetometer
+//! before the present one:
 //!
 //! ```text
 //! R̂ = C − H P Hᵀ,     C = (1/N) Σ v_j²,     bounded by sigma_min² and sigma_max²
 //! ```
 //!
-//! [`AdaptiveForm::Matched`] takes H P Hᵀ of every innovation off its own square, R̂ = (1/N) Σ (v_j² − H_j P_j H_jᵀ),
-//! as each innovation was expected from the covariance of its time. Until there are N of them, the expected variance
-//! counts as 1 − n/N of an innovation beside the n that there are. [`AdaptiveForm::Compatible`] is MagNav.jl: the mean
-//! of the two bounds (as variances) until there are N, then the printed equation with the covariance of the present
-//! sample.
+//! [`AdaptiveForm::Matched`] subtracts H P Hᵀ of every innovation from its own square, R̂ = (1/N) Σ (v_j² − H_j P_j
+//! H_jᵀ), because each innovation was predicted with the covariance of its time. While there are n < N innovations, the
+//! assumed variance has the weight 1 − n/N. [`AdaptiveForm::Compatible`] is that of MagNav.jl: the mean of the two
+//! bounds (as variances) until there are N, then the printed equation with the covariance of the present sample.
 //!
-//! The mean of 1/R̂ is N/(N − 2) times 1/R where H P Hᵀ is small beside R, and in these two forms more where it is not: a
-//! short window meets R̂ near 0 now and then, and the filter believes what it measures then. With MagNav.jl's window of 10
-//! and no bounds to speak of, the simulated flights of the tests have by the matched form R/R̂ of 2.4 and six times the squared
-//! error that the filter claims; with 50, both are right to a tenth. The bounds are what makes a short window usable there.
+//! The mean of 1/R̂ is N/(N − 2) times 1/R where H P Hᵀ is small compared with R, and in these two forms more
+//! elsewhere. With a short window R̂ is occasionally near 0, and the filter then follows its measurements. With
+//! MagNav.jl's window of 10 and wide bounds, the matched form gives R/R̂ of 2.4 on the simulated flights of the tests,
+//! and six times the squared error that the filter predicts. With 50, both are right to a tenth. A short window
+//! requires tight bounds.
 //!
-//! # Where the position is known less well than it is measured
+//! # Position less accurate than the measurement
 //!
-//! H P Hᵀ is then large beside R, and v² − H P Hᵀ a small difference of large numbers, of either sign: a few such innovations put
-//! R̂ at one of its bounds, and at the lower one the filter believes what it measures. [`AdaptiveForm::Residual`], the default,
-//! takes the expected square of the noise given the sample's own measurement instead
-//! [Mohamed & Schwarz 1999; Dempster, Laird & Rubin 1977],
+//! H P Hᵀ is then large compared with R, and v² − H P Hᵀ is a small difference of large numbers, of either sign. A few
+//! such innovations drive R̂ to one of its bounds; at the lower bound the filter follows its measurements.
+//! [`AdaptiveForm::Residual`], the default, instead uses the expected square of the noise given the sample's own
+//! measurement [Mohamed & Schwarz 1999; Dempster, Laird & Rubin 1977],
 //!
 //! ```text
 //! R̂ = (1/N) Σ (ε_j² + H_j P_j⁺ H_jᵀ),     ε = z − h(x⁺) = v R/(H P Hᵀ + R),     H P⁺ Hᵀ = H P Hᵀ R/(H P Hᵀ + R)
 //! ```
 //!
-//! which is never near 0: with a window of 10 the same flights have R/R̂ of 1.27, hardly more than N/(N − 2), and 7 % more squared
-//! error than the filter claims. Its mean is R where R̂ is, and an innovation moves it by (R/(H P Hᵀ + R))² of what it moves the other
-//! forms: one that tells nothing of the noise leaves it as it is. With H P Hᵀ small beside R it is the matched form.
+//! which is never near 0. With a window of 10 the same flights have R/R̂ of 1.27, slightly above N/(N − 2), and 7 %
+//! more squared error than the filter predicts. Its mean is R where R̂ is. An innovation changes it by (R/(H P Hᵀ +
+//! R))² of its change in the other forms, so an innovation without information on the noise does not change it. With H
+//! P Hᵀ small compared with R it is the matched form.
 //!
-//! Where the expected noise σ changes along the line ([`AdaptiveParameters::relative`]) each innovation counts in its units,
-//! and R̂ = σ² (1/N) Σ (v_j² − H_j P_j H_jᵀ)/σ_j²: the factor that all of σ is wrong by is learnt, and its course is believed.
+//! Where the assumed noise σ changes along the line ([`AdaptiveParameters::relative`]) each innovation counts in units
+//! of σ, R̂ = σ² (1/N) Σ (v_j² − H_j P_j H_jᵀ)/σ_j²: the filter estimates one factor of σ and keeps its variation.
 //!
 //! # Several magnetometers
 //!
@@ -46,18 +47,17 @@
 //!
 //! # Process noise
 //!
-//! (5.47) of the thesis, Q̂ = K C Kᵀ, is the steady state of Q̂ = Q + K (C − H P Hᵀ − R) Kᵀ [Mohamed & Schwarz 1999].
-//! Printed as it is, it holds the covariance wherever it starts. The filter adds the excess to the model's Q instead,
-//! with the mean of v²/(H P Hᵀ + R) of the last N samples in place of C/(H P Hᵀ + R):
+//! (5.47) of Gnadt 2022, Q̂ = K C Kᵀ, is the steady state of Q̂ = Q + K (C − H P Hᵀ − R) Kᵀ [Mohamed & Schwarz 1999].
+//! In its printed form it keeps the initial covariance. The filter adds the excess to the model's Q instead, with the
+//! mean of v²/(H P Hᵀ + R) of the last N samples in place of C/(H P Hᵀ + R):
 //!
 //! ```text
 //! Q̂ = Q + ε K (H P Hᵀ + R) Kᵀ,     ε = mean of v²/(H P Hᵀ + R), less 1, between 0 and 1
 //! ```
 //!
-//! K (H P Hᵀ + R) Kᵀ is what the correction took off the covariance, so at most all of it is given back: the covariance
-//! never grows beyond that of the INS alone, and cannot run away. By chance ε is 0.56/√N on average where nothing is
-//! wrong. This is a weak remedy: a drift that the model does not know shows in the innovations only once it is as large
-//! as the noise.
+//! K (H P Hᵀ + R) Kᵀ is the decrease of the covariance by the measurement update, so at most all of it is returned. The
+//! covariance never exceeds that of the INS alone and cannot diverge. By chance ε is 0.56/√N on average for a correct
+//! model. This is a weak remedy: an unmodelled drift appears in the innovations only when it is as large as the noise.
 //!
 //! # Irregularities
 //!
@@ -87,7 +87,7 @@ use noise::{Fusion, Learner};
 use window::Window;
 
 choice! {
-    /// Which noise is learnt.
+    /// Noise to estimate.
     #[derive(Default)]
     pub enum Adapt {
         /// The measurement noise R of every magnetometer.
@@ -95,23 +95,23 @@ choice! {
         R = "r",
         /// The process noise Q.
         Q = "q",
-        /// R within its bounds, and Q by what these leave.
+        /// R within its bounds, and Q from the remaining excess.
         Both = "both",
     }
 }
 
 choice! {
-    /// How R is made of the innovations.
+    /// Estimator of R from the innovations.
     #[derive(Default)]
     pub enum AdaptiveForm {
-        /// By what the correction leaves of every innovation, from the expected noise on: it holds where the position is known less
-        /// well than it is measured, too.
+        /// Residual a posteriori of every innovation, starting from the assumed noise. It also works where the position
+        /// is less accurate than the measurement.
         #[default]
         Residual = "residual",
-        /// Every innovation against the covariance of its own time, from the expected noise on.
+        /// Each innovation with the covariance of its time, starting from the assumed noise.
         Matched = "matched",
-        /// As MagNav.jl: the mean of the bounds until the window is full, then the covariance of the present sample
-        /// against all innovations. For comparing figures with that program.
+        /// Form of MagNav.jl: mean of the bounds until the window is full, then all innovations with the covariance of
+        /// the present sample. For comparison with that program.
         Compatible = "compatible",
     }
 }
@@ -119,20 +119,20 @@ choice! {
 /// The parameters of the filter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AdaptiveParameters {
-    /// Which noise is learnt.
+    /// Noise to estimate.
     pub adapt: Adapt,
-    /// How R is made of the innovations.
+    /// Estimator of R from the innovations.
     pub form: AdaptiveForm,
-    /// The number N of innovations that are looked back on, at least 2.
+    /// Number N of past innovations in the estimate, at least 2.
     pub window: usize,
-    /// Whether a factor of the expected variance is learnt in place of the variance itself: for an expected noise that changes
-    /// from sample to sample, as one that another model predicts.
+    /// Estimates a factor of the assumed variance instead of the variance, for an assumed noise that changes from
+    /// sample to sample.
     pub relative: bool,
-    /// A measurement whose squared residual over its variance is above this is left out; `None` uses every one.
+    /// Largest NIS of a measurement; larger ones are rejected. `None` uses every measurement.
     pub gate_nis: Option<f64>,
-    /// Hand out the error states of every sample (144 bytes each).
+    /// Returns the error states of every sample (144 bytes each).
     pub keep_states: bool,
-    /// Hand out the covariance of every sample (2.6 kB each).
+    /// Returns the covariance of every sample (2.6 kB each).
     pub keep_covariance: bool,
 }
 
@@ -151,7 +151,7 @@ impl Default for AdaptiveParameters {
 }
 
 impl AdaptiveParameters {
-    /// Refuses parameters that make no filter.
+    /// Rejects parameters out of range.
     ///
     /// # Errors
     /// Fails for a window below 2 and a gate that is not a finite number above 0.
@@ -173,12 +173,12 @@ pub struct Magnetometer<'a> {
     /// The measured field at each sample, in nT; NaN where there is none. It holds the core field if, and only if, the
     /// line has one.
     pub measurement_nt: &'a [f64],
-    /// The standard deviation that the white noise of each measurement is expected to have, in nT, before anything is
-    /// learnt of it; a value that is not above 0 makes its measurement a missing one.
+    /// Assumed standard deviation of the white noise of each measurement, in nT, before adaptation. A value that is not
+    /// above 0 makes the measurement missing.
     pub sigma_nt: &'a [f64],
-    /// The least standard deviation that may be learnt, in nT.
+    /// Lower bound of the estimated standard deviation, in nT.
     pub sigma_min_nt: f64,
-    /// The largest, in nT.
+    /// Upper bound of the estimated standard deviation, in nT.
     pub sigma_max_nt: f64,
 }
 
@@ -205,7 +205,7 @@ impl<'a> Magnetometer<'a> {
     }
 }
 
-/// What was learnt of a magnetometer, and how its samples were used.
+/// Estimated noise of a magnetometer, and the use of its samples.
 #[derive(Clone, Debug, Default)]
 pub struct Adapted {
     /// The standard deviation of the noise that each measurement was taken to have, in nT; NaN where it had no
@@ -213,7 +213,7 @@ pub struct Adapted {
     pub sigma_nt: Vec<f64>,
     /// Measurements that were used.
     pub updates: usize,
-    /// Measurements that the innovation gate left out.
+    /// Number of measurements that the innovation gate rejected.
     pub gated: usize,
     /// The offset that was subtracted from every measurement, in nT.
     pub offset_nt: f64,
@@ -221,14 +221,14 @@ pub struct Adapted {
     pub offset_samples: usize,
 }
 
-/// What the filter makes of a line.
+/// Output of the filter on a line.
 #[derive(Clone, Debug, Default)]
 pub struct AdaptiveOutput {
-    /// The estimate. `residual_nt` is that of the weighted mean of the measurements that were used (of all, where the
-    /// gate left out all); `nis` its square over its variance. A sample counts as gated where all its measurements
-    /// were. The offset is that of the first magnetometer.
+    /// Estimate. `residual_nt` is that of the weighted mean of the used measurements (of all, where the gate rejected
+    /// all); `nis` is its square over its variance. A sample counts as gated if all its measurements were. The offset
+    /// is that of the first magnetometer.
     pub navigation: NavigationOutput,
-    /// What was learnt of each magnetometer, in their order.
+    /// Estimated noise of each magnetometer, in their order.
     pub magnetometers: Vec<Adapted>,
     /// The share ε of a correction that is given back as process noise after each sample; 0 where Q is not learnt.
     pub given_back: Vec<f64>,
@@ -239,8 +239,9 @@ pub struct AdaptiveOutput {
 ///
 /// # Errors
 /// Fails as [`AdaptiveParameters::check`] and [`NavigationLine::check`]; for bounds of a sigma that are not finite
-/// numbers above 0 in this order; with [`SeriesError::Length`](crate::navigation::SeriesError) for columns of other lengths than the line; and with
-/// [`NavigationError::Diverged`] when states or variances are no longer finite or a variance is negative.
+/// numbers above 0 in this order; with [`SeriesError::Length`](crate::navigation::SeriesError) for columns of other
+/// lengths than the line; and with [`NavigationError::Diverged`] when states or variances are no longer finite or a
+/// variance is negative.
 pub fn run(
     parameters: &AdaptiveParameters,
     line: &NavigationLine<'_>,
@@ -279,7 +280,7 @@ struct Filter<'a> {
     learners: Vec<Learner<'a>>,
     /// The last innovations, squared over their variance, less 1.
     excess: Window,
-    /// What the next step gives back of the last correction.
+    /// Process noise that the next step returns.
     pending: Option<GiveBack>,
     navigation: NavigationOutput,
     given_back: Vec<f64>,

@@ -1,13 +1,15 @@
-//! The Kalman filters with further measurements beside the scalar field: the difference of two magnetometers, the field's
-//! vector, a height; with a map error that lasts along the track, and with samples where the map is too flat.
+//! The Kalman filters with further measurements besides the scalar field: the difference of two magnetometers, the
+//! field vector, and a height. They also have a map error that is correlated along the track, and skip samples where
+//! the map is too flat.
 //!
-//! What they are and how they enter is in [`aids`](crate::navigation::aids). [`Linearisation::Unscented`] moreover takes what the map
-//! bends over the uncertainty of the position as noise, as the slope regressed over that of [Hostetler & Andreas 1983] does; at
-//! the top of a hill, where the slope vanishes, nothing else is honest.
+//! The measurements and their models are described in [`aids`](crate::navigation::aids). [`Linearisation::Unscented`]
+//! also treats the nonlinearity of the map over the uncertainty of the position as noise, as the slope regressed over
+//! that uncertainty does [Hostetler & Andreas 1983]. At the top of a hill, where the slope vanishes, no other
+//! linearisation is consistent.
 //!
-//! Each sample uses the positions from elsewhere first, then scalar, difference, vector and height, one scalar after the
-//! other. Irregularities are those of [`ekf`](crate::navigation::ekf), each measurement by itself; the difference is off the map where either
-//! end is.
+//! Each sample uses the aiding positions first, then scalar, difference, vector and height, one scalar after the other.
+//! Irregularities are treated as in [`ekf`](crate::navigation::ekf), separately for each measurement. The difference is
+//! off the map if either end is.
 
 pub(crate) mod filter;
 mod slope_error;
@@ -25,7 +27,7 @@ pub use crate::navigation::aids::{
 use filter::Filter;
 pub use slope_error::likely_slope_error;
 
-/// How a measurement of the field is linearised.
+/// Linearisation of a measurement of the field.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Linearisation {
     /// At the predicted state, as [`ekf`](crate::navigation::ekf).
@@ -42,12 +44,12 @@ pub enum Linearisation {
     Unscented(UkfParameters),
 }
 
-/// How the line is filtered, and what is handed out.
+/// Parameters of the filter and its optional outputs.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct AidedParameters {
-    /// How measurements of the field are linearised.
+    /// Linearisation of measurements of the field.
     pub linearisation: Linearisation,
-    /// A measurement whose squared innovation over its variance is above this is left out; `None` uses every one.
+    /// Largest NIS of a measurement; larger ones are rejected. `None` uses every measurement.
     pub gate_nis: Option<f64>,
     /// Hand out the 18 error states of every sample.
     pub keep_states: bool,
@@ -61,15 +63,17 @@ pub struct AidedOutput {
     /// The track. Residual and NIS are those of the scalar field; where the sample has none, of the difference. A flat
     /// sample counts as an update.
     pub navigation: NavigationOutput,
-    /// What became of each sample.
+    /// Outcome of each sample.
     pub usage: Vec<Usage>,
     /// The horizontal slope of the predicted field at each sample before its measurement, in nT/m; NaN off the map.
     pub slope_nt_per_m: Vec<f64>,
-    /// The standard deviation of what is not linear in the scalar field, in nT, by [`Linearisation::Unscented`]; else NaN.
+    /// The standard deviation of what is not linear in the scalar field, in nT, by [`Linearisation::Unscented`]; else
+    /// NaN.
     pub nonlinear_sd_nt: Vec<f64>,
-    /// Of the further measurements.
+    /// Innovations of the further measurements.
     pub aids: AidInnovations,
-    /// The delay of the scalar magnetometer at each sample, and one sigma of it, in s; empty where it is no state.
+    /// The delay of the scalar magnetometer at each sample, and standard deviation of it, in s; empty where it is no
+    /// state.
     pub latency_s: [Vec<f64>; 2],
 }
 
@@ -81,7 +85,7 @@ impl AidedOutput {
 }
 
 impl AidedParameters {
-    /// Refuses parameters that make no filter.
+    /// Rejects invalid parameters.
     ///
     /// # Errors
     /// Fails as the parameters of `iekf` and `ukf`.

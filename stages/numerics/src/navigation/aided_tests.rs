@@ -1,5 +1,5 @@
 #![allow(clippy::unwrap_used)]
-//! Positions from elsewhere in every filter that takes them.
+//! Aiding positions in every filter that takes them.
 
 use super::adaptive::{self, Adapt, AdaptiveParameters};
 use super::ekf::{self, EkfParameters, EkfPoint};

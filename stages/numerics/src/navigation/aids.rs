@@ -1,9 +1,10 @@
-//! Measurements beside the scalar field, as every filter takes them: the difference of two magnetometers, the field's vector, a
-//! height; and what is known of the map, its error that lasts along the track and where it is too flat.
+//! Measurements besides the scalar field, common to all filters: the difference of two magnetometers, the field vector,
+//! and a height. Also the map error along the track, and samples where the map is too flat.
 //!
-//! The 18 states of [`pinson`](crate::navigation::pinson) are followed by Gauss-Markov ones: what lasts of each further
-//! measurement's error. With the position p = INS + x, the temporal variation S, the tilt ψ, the INS' rotation C from body to
-//! north-east-down, the baseline r from the second magnetometer to the first (body axes) and the core field's direction û
+//! The 18 states of [`pinson`](crate::navigation::pinson) are followed by Gauss-Markov states: the slow error of each
+//! further measurement. With the position p = INS + x, the temporal variation S, the tilt ψ, the rotation C of the INS
+//! from body to north-east-down, the baseline r from the second magnetometer to the first (body frame) and the
+//! direction û of the core field
 //!
 //! ```text
 //! scalar       z = map(p - v τ) + core(p - v τ) + S + e + white noise
@@ -12,32 +13,36 @@
 //! height       h = altitude of p + b_h + white noise
 //! ```
 //!
-//! with the delay τ of the scalar magnetometer's time stamps at the velocity v, the map's error e that lasts for a length of the track, the biases b, and the part a_c of the crustal field's vector
-//! that a scalar map does not tell. f holds the core field where the scalar measurement does.
+//! with the delay τ of the scalar magnetometer's time stamps at the velocity v, the map error e with a correlation
+//! length along the track, the biases b, and the part a_c of the crustal field vector that a scalar map does not
+//! determine. f contains the core field if the scalar measurement does.
 //!
-//! Rows of H, predictions and variances of a sample are made in one place, for the state of any filter; filters differ in
-//! where they linearise and in what they do with a row.
+//! Rows of H, predictions and variances of a sample are computed in one place, for the state of any filter. Filters
+//! differ in their linearisation points and in their use of a row.
 //!
-//! **The difference** is free of S and of all that the two have in common, so that it navigates through a magnetic storm.
-//! It measures the map's slope along the baseline, and its row of H is the difference of the map's slopes at both ends:
-//! the map needs a continuous slope ([`Interpolation::Cubic`](crate::maps::Interpolation::Cubic)), as a bilinear one bends at
-//! the edges of its cells only. Over a short baseline r the position error that one sample tells is σ_d/(r |∂²f|). The tilt
-//! turns the baseline: ∂d/∂ψ = g × C r with the mean g of the slopes at both ends, half a degree of heading along 15 m where
-//! the slope across is 0.1 nT/m being 0.013 nT. So a difference tells the heading too, where the map is steep.
+//! **The difference** is free of S and of all other common errors, so it navigates through a magnetic storm. It
+//! measures the map's slope along the baseline, and its row of H is the difference of the map's slopes at both ends.
+//! The map therefore requires a continuous slope ([`Interpolation::Cubic`](crate::maps::Interpolation::Cubic)); the
+//! slope of a bilinear map changes only at the edges of its cells. Over a short baseline r the position error for one
+//! sample is σ_d/(r |∂²f|). The tilt turns the baseline: ∂d/∂ψ = g × C r with the mean g of the slopes at both ends.
+//! Half a degree of yaw along 15 m with a slope of 0.1 nT/m across is 0.013 nT. A difference therefore also measures
+//! the yaw where the map is steep.
 //!
-//! The map's slope has errors, and the difference has them times the baseline: g_h along its horizontal part a_h, and g_u along
-//! its upward part a_u ([`SlopeError`]). Both are states that last for a length of the track. A map of one height has no slope
-//! upwards, so that g_u is all of it: with 2.5 degrees of pitch, 15 m of baseline have 0.65 m of height, at 0.1 nT/m more
-//! than such a difference's noise.
+//! The error of the map's slope enters the difference times the baseline: g_h along its horizontal part a_h, and g_u
+//! along its upward part a_u ([`SlopeError`]). Both are states with a correlation length along the track. A map of one
+//! height has no vertical slope, so g_u is the whole vertical slope: with 2.5 degrees of pitch, 15 m of baseline have
+//! 0.65 m of height, which at 0.1 nT/m exceeds the noise of such a difference.
 //!
-//! **The vector** tells the attitude about the field to (σ_v, b_v)/|B|: 50 nT of 50,000 are 0.06 degrees. Its other part is
-//! the scalar field once more. The scalar map does not tell the crustal field across the core field, which is as large
-//! as the anomaly and is the state a_c (north, east, down, each of one standard deviation, lasting for a length).
+//! **The vector** measures the attitude about the field to (σ_v, b_v)/|B|: 50 nT of 50,000 nT are 0.06 degrees. Its
+//! other part is the scalar field again. The scalar map does not determine the crustal field across the core field,
+//! which is as large as the anomaly. It is the state a_c (north, east, down, with equal standard deviations and a
+//! correlation length).
 //!
-//! **A flat map** ([`Aids::flat_over_m`]): where one sigma of the measurement's white noise is more than that many metres of
-//! the horizontal slope, σ > |∇f| · `flat_over_m`, the sample carries no position, and its slope is rather the map's error
-//! than the map. A filter then corrects S, e and the aircraft's field alone: the consider update [Schmidt 1966], whose covariance
-//! stays right. A smoother leaves the sample out, as there is no such update among its least squares.
+//! **A flat map** ([`Aids::flat_over_m`]): where the standard deviation of the measurement's white noise exceeds this
+//! number of metres times the horizontal slope, σ > |∇f| · `flat_over_m`, the sample does not observe the position, and
+//! its slope is dominated by the map error. A filter then corrects only S, e and the aircraft field: the consider
+//! update [Schmidt 1966], whose covariance remains correct. A smoother skips the sample, because least squares has no
+//! such update.
 
 mod rows;
 mod slope;
@@ -68,7 +73,7 @@ pub struct Difference<'a> {
     pub baseline_m: [f64; 3],
     /// The error of the map's slope.
     pub slope: SlopeError<'a>,
-    /// What lasts of its error, in nT.
+    /// Slow error, in nT.
     pub bias: GaussMarkov,
 }
 
@@ -79,10 +84,10 @@ pub struct Vector<'a> {
     pub field_nt: [&'a [f64]; 3],
     /// The standard deviation of the white noise of each component, in nT.
     pub sigma_nt: f64,
-    /// What lasts of the error of each component, in nT.
+    /// Slow error of each component, in nT.
     pub bias: GaussMarkov,
-    /// The standard deviation, in nT, of each component (north, east, down) of the crustal field that a scalar map does
-    /// not tell.
+    /// Standard deviation, in nT, of each component (north, east, down) of the crustal field that a scalar map does not
+    /// determine.
     pub crustal_sigma_nt: f64,
     /// The distance over which that lasts, in m.
     pub crustal_length_m: f64,
@@ -97,11 +102,11 @@ pub struct Height<'a> {
     pub alt_m: &'a [f64],
     /// The standard deviation of the white noise, in m.
     pub sigma_m: f64,
-    /// What lasts of its error, in m.
+    /// Slow error, in m.
     pub bias: GaussMarkov,
 }
 
-/// What the map errs by.
+/// Error of the map.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MapError {
     /// Its standard deviation, in nT.
@@ -110,7 +115,7 @@ pub struct MapError {
     pub length_m: f64,
 }
 
-/// What a filter takes beside the scalar field.
+/// Measurements of a filter besides the scalar field.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Aids<'a> {
     /// The difference of two magnetometers.
@@ -121,25 +126,26 @@ pub struct Aids<'a> {
     pub height: Option<Height<'a>>,
     /// The map's error as a state.
     pub map_error: Option<MapError>,
-    /// The standard deviation of the delay of the scalar magnetometer before the line, in s, as a constant state: a sample
-    /// that is stamped `t` was measured at `t` less the delay.
+    /// The standard deviation of the delay of the scalar magnetometer before the line, in s, as a constant state: a
+    /// sample that is stamped `t` was measured at `t` less the delay.
     pub latency_sigma_s: Option<f64>,
-    /// The map is too flat where one sigma of the measurement is more than so many metres of its slope.
+    /// Largest standard deviation of a measurement, divided by the map's slope, in m, for which the map observes the
+    /// position.
     pub flat_over_m: Option<f64>,
 }
 
-/// What became of the field's measurements of a sample.
+/// Outcome of the field measurements of a sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Usage {
     /// One or more was used, and carried a position.
     Used,
-    /// The scalar field was used, but the map is too flat to tell a position; no other was.
+    /// The scalar field was used, but the map is too flat to observe the position; no other measurement was used.
     Flat,
     /// There was none.
     Missing,
     /// The predicted position is off the map or in an unknown cell.
     OffMap,
-    /// The innovation gate left out all.
+    /// The innovation gate rejected all measurements.
     Gated,
 }
 
@@ -167,11 +173,11 @@ pub struct Innovations {
 /// The innovations of all further measurements.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct AidInnovations {
-    /// Of the difference.
+    /// Innovations of the difference.
     pub difference: Innovations,
-    /// Of the vector.
+    /// Innovations of the vector.
     pub vector: Innovations,
-    /// Of the height.
+    /// Innovations of the height.
     pub height: Innovations,
 }
 
@@ -195,7 +201,7 @@ impl Aids<'_> {
         self.flat_over_m.is_some_and(|flat_m| variance_nt2.sqrt() > slope_nt_per_m * flat_m)
     }
 
-    /// Refuses measurements that no filter can use.
+    /// Rejects measurements that no filter can use.
     ///
     /// # Errors
     /// Fails for standard deviations of white noise that are not above 0, lasting ones below 0, lengths and correlation

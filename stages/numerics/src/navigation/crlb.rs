@@ -27,7 +27,7 @@ use pulp::{Simd, WithSimd};
 use crate::navigation::estimate::{Estimate, Recursion};
 use crate::navigation::sensitivity::Sensitivity;
 
-/// What is known of the true path, one value per sample in every column.
+/// True path, one value per sample in every column.
 #[derive(Clone, Copy, Debug)]
 pub struct TruePath<'a> {
     /// Geodetic latitude, in degrees.
@@ -68,11 +68,11 @@ impl<'a> TruePath<'a> {
 
 /// The bound along a path.
 ///
-/// The estimate is the truth itself: positions, and velocities where they are given, else the INS's. `sd_n_m`, `sd_e_m`
-/// and `cov_ne_m2` are the bound, and so is `p` where it is kept; `x` is empty. `residual_nt` is the measurement (less
-/// the offset) minus the field at the true position, which is the temporal variation plus the noise; `nis` is its
-/// square over their variance σ_S² + σ², so that its mean says whether the noise that the filters are told is that of
-/// the data. It is not a filter's innovation. The offset is the mean residual over the first `offset_window_s` seconds.
+/// The estimate is the truth itself: positions, and velocities if given, else those of the INS. `sd_n_m`, `sd_e_m` and
+/// `cov_ne_m2` are the bound, and so is `p` if it is kept; `x` is empty. `residual_nt` is the measurement minus the
+/// offset and the field at the true position, which is the temporal variation plus the noise. `nis` is its square over
+/// their variance σ_S² + σ²; a mean of 1 confirms the assumed noise. It is not the innovation of a filter. The offset
+/// is the mean residual over the first `offset_window_s` seconds.
 ///
 /// # Errors
 /// Fails as [`NavigationLine::check`] and [`TruePath::along`], and with [`NavigationError::Diverged`] when a variance
@@ -92,13 +92,13 @@ pub fn run(
     pulp::Arch::new().dispatch(Bound { line, truth, field, offset_nt, output })
 }
 
-/// The bound with further measurements beside the scalar field; as [`run`]. Of each, residual and NIS are measurement minus truth
-/// and its square over the variance of noise and what lasts.
+/// [`run`] with further measurements besides the scalar field. The residual of each is measurement minus truth; its NIS
+/// is the square over the variance of noise and slow error.
 ///
-/// A bound knows the map, so that no sample is too flat: of [`Aids::flat_over_m`] nothing is used.
+/// The bound uses the exact map, so [`Aids::flat_over_m`] is ignored.
 ///
 /// # Errors
-/// As [`run`] and [`Aids::check`].
+/// Fails as [`run`] and [`Aids::check`].
 pub fn run_aided(
     line: &NavigationLine<'_>,
     path: &TruePath<'_>,

@@ -3,7 +3,7 @@
 //! The states are errors of the INS (truth - INS; see `pinson`) and the temporal variation S; the
 //! measurement is the compensated scalar field, h(x) = map(position) + core(position) + S at the
 //! position INS + x. At each sample the filter updates, returns the state, and then propagates to
-//! the next with the INS of this one. [thesis 000, section 5.3, with the corrections of H and Q]
+//! the next with the INS of this one. [Gnadt 2022, section 5.3, with the corrections of H and Q]
 //!
 //! Irregularities along the line are documented and counted, never hidden:
 //!
@@ -14,8 +14,8 @@
 //!   finite and non-negative: an error that names the row.
 //!
 //! Filters over one line run side by side in the lanes of a vector register and share the transition matrices. A filter
-//! alone runs through the same code with registers of one lane, and the lanes do not touch: its bits are the same in any
-//! company.
+//! alone runs through the same code with registers of one lane, and the lanes do not touch: its bits are the same in
+//! any company.
 
 mod measurement;
 mod pack;
@@ -42,8 +42,8 @@ use steps::StepModel;
 ///
 /// # Errors
 /// Fails as [`EkfParameters::check`] and [`InsSeries::check`], with [`SeriesError::Length`] for a measurement of
-/// another length than the INS, and with [`NavigationError::Diverged`] when states or variances are no longer finite or a
-/// variance is negative.
+/// another length than the INS, and with [`NavigationError::Diverged`] when states or variances are no longer finite or
+/// a variance is negative.
 pub fn run(
     parameters: &EkfParameters,
     ins: &InsSeries<'_>,
@@ -67,7 +67,7 @@ pub struct EkfPoint<'a> {
     /// The standard deviation of the noise of each measurement, in nT, in place of
     /// [`EkfParameters::measurement_sigma_nt`]; a value that is not above 0 makes its measurement a missing one.
     pub sigma_nt: Option<&'a [f64]>,
-    /// Positions from elsewhere, each used before the measurement of its sample.
+    /// Aiding positions, each used before the measurement of its sample.
     pub fixes: Option<&'a PositionFixes>,
     /// The map.
     pub map: &'a FieldMap,
@@ -134,8 +134,8 @@ impl EkfPoint<'_> {
 /// innermost cache meanwhile, and the steps in the next-level cache.
 const BLOCK: usize = 32;
 
-/// So many filters or fewer that fill no register run one by one: the vector unit then works along the rows of a matrix, and
-/// is done before it would be with all lanes.
+/// Number of filters up to which they run one by one: with few filters the vector unit is faster along the rows of a
+/// matrix than across the filters.
 const FEW: usize = 2;
 
 /// Filters that share their steps, as the work that is dispatched to the machine's vector unit.

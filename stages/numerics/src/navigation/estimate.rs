@@ -49,7 +49,7 @@ pub(crate) struct Estimate {
     pub(crate) p: StateMatrix,
 }
 
-/// A scalar measurement z = H x + v of the states, beside an estimate.
+/// A scalar measurement z = H x + v of the states, with an estimate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Linearised {
     /// H.
@@ -60,7 +60,7 @@ pub(crate) struct Linearised {
     pub(crate) variance: f64,
 }
 
-/// What a correction was made with.
+/// Quantities of a measurement update.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Corrected {
     /// K.
@@ -101,8 +101,8 @@ impl Estimate {
         Linearised { h, ph, variance: h.dot(&ph) }
     }
 
-    /// x ← x + K r and the covariance of it, with K = P Hᵀ/(H P Hᵀ + R), the residual r and the variance R of the noise.
-    /// `at` is of this estimate.
+    /// x ← x + K r and the covariance of it, with K = P Hᵀ/(H P Hᵀ + R), the residual r and the variance R of the
+    /// noise. `at` is of this estimate.
     #[inline(always)]
     pub(crate) fn correct(&mut self, at: &Linearised, residual: f64, noise: f64) -> Corrected {
         let weight = 1.0 / (at.variance + noise);
@@ -119,7 +119,7 @@ impl Estimate {
         self.correct(&self.linearised(h), innovation, noise)
     }
 
-    /// The update by the positions from elsewhere of a row, one coordinate after the other.
+    /// The update by the aiding positions of a row, one coordinate after the other.
     #[inline(always)]
     pub(crate) fn aid(&mut self, fixes: [Option<StateFix>; 3]) -> [Option<Corrected>; 3] {
         fixes.map(|fix| {
@@ -127,8 +127,8 @@ impl Estimate {
         })
     }
 
-    /// Joseph's form P ← (I − K H) P (I − K H)ᵀ + K R Kᵀ of the covariance for any gain K, as A = P − K (P Hᵀ)ᵀ and then
-    /// A + (R K − A Hᵀ) Kᵀ, of which one triangle is mirrored. `ph` is P Hᵀ, `noise` is R. [Bucy & Joseph 1968]
+    /// Joseph's form P ← (I − K H) P (I − K H)ᵀ + K R Kᵀ of the covariance for any gain K, as A = P − K (P Hᵀ)ᵀ and
+    /// then A + (R K − A Hᵀ) Kᵀ, of which one triangle is mirrored. `ph` is P Hᵀ, `noise` is R. [Bucy & Joseph 1968]
     #[inline(always)]
     pub(crate) fn correct_covariance(&mut self, h: &Sensitivity, gain: &StateVector, ph: &StateVector, noise: f64) {
         let p = &mut self.p;
@@ -184,9 +184,9 @@ impl Estimate {
     }
 }
 
-/// What distinguishes one filter of a single estimate from another.
+/// Differences between filters with a single estimate.
 pub(crate) trait Recursion {
-    /// Where the estimates go.
+    /// Output of the estimates.
     fn output(&mut self) -> &mut NavigationOutput;
 
     /// Changes the estimate before the step from it.
@@ -196,10 +196,10 @@ pub(crate) trait Recursion {
     /// Corrects the estimate by the measurement of a row, where there is one to use; counted.
     fn measure(&mut self, estimate: &mut Estimate, row: usize) -> Innovation;
 
-    /// Filters along an INS: the step, the positions from elsewhere of the row, its measurement.
+    /// Filters along an INS: the step, the aiding positions of the row, its measurement.
     ///
     /// # Errors
-    /// As [`Estimate::check`].
+    /// Fails as [`Estimate::check`].
     #[inline(always)]
     fn along(
         &mut self,

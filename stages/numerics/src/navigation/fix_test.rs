@@ -1,8 +1,8 @@
-//! A test of positions from elsewhere against the INS, which finds receivers that are jammed, spoofed or drift.
+//! A test of aiding positions against the INS, which finds receivers that are jammed, spoofed or drift.
 //!
-//! A filter of INS and fixes alone, without the magnetic field, predicts each fix. A map that is wrong therefore rejects no
-//! position, and every filter of a line is given the same fixes. Two tests of the innovation ν with covariance S run side by
-//! side, each for the horizontal position and for the height:
+//! A filter of INS and fixes alone, without the magnetic field, predicts each fix. A map that is wrong therefore
+//! rejects no position, and every filter of a line is given the same fixes. Two tests of the innovation ν with
+//! covariance S run side by side, each for the horizontal position and for the height:
 //!
 //! - the chi-square test of one fix, νᵀ S⁻¹ ν against [`SINGLE_NIS`]: a fix beyond it is rejected [Bar-Shalom, Li &
 //!   Kirubarajan 2001, section 5.4];
@@ -11,14 +11,14 @@
 //!   Technometrics 30(3)], which has the same power in every direction. It finds what changes by less than the noise from fix to
 //!   fix: a drift of 1 m/s with fixes of 2 m each second after 7 to 12 s, one of 0.5 m/s after 12 to 19 s.
 //!
-//! At an alarm the fixes since the sum was last 0 are rejected too, and the test resumes from its state before them, as a
-//! receiver that keeps its last seconds does. While the alarm lasts, the INS alone predicts. [`RECOVERY`] fixes in a row that
-//! agree with it end the alarm.
+//! At an alarm the fixes since the sum was last 0 are rejected too, and the test resumes from its state before them, as
+//! a receiver that keeps its last seconds does. While the alarm lasts, the INS alone predicts. [`RECOVERY`] fixes in a
+//! row that agree with it end the alarm.
 //!
-//! The test starts with the position, velocity and attitude known roughly ([`START_POSITION_M`] and so on), as the start of a
-//! line may be known less well than a filter assumes. It needs about half a minute of fixes before it finds a drift. An offset
-//! that is there from the first fix on cannot be found. Fixes with more noise than assumed widen both tests by the median of
-//! z² over the last [`SCALE_OVER`] fixes.
+//! The test starts with the position, velocity and attitude known roughly ([`START_POSITION_M`] and so on), as the
+//! start of a line may be known less well than a filter assumes. It needs about half a minute of fixes before it finds
+//! a drift. An offset that is there from the first fix on cannot be found. Fixes with more noise than assumed widen
+//! both tests by the median of z² over the last [`SCALE_OVER`] fixes.
 
 use crate::navigation::estimate::{Estimate, StepModel};
 use crate::navigation::ins_error::InsErrorModel;
@@ -28,8 +28,8 @@ use crate::navigation::pinson::{ALT, LAT, LON, StateMatrix, TILT_D, TILT_N, VD, 
 use crate::navigation::position_fixes::{PositionFixes, StateFix};
 use crate::navigation::sensitivity::Sensitivity;
 
-/// The squared innovation over its variance, a component, beyond which one fix is rejected, for a height and for a pair of
-/// coordinates: 1e-6 of healthy ones are.
+/// The squared innovation over its variance, a component, beyond which one fix is rejected, for a height and for a pair
+/// of coordinates: 1e-6 of healthy ones are.
 pub const SINGLE_NIS: [f64; 2] = [23.9, 13.8];
 /// The part of each whitened innovation that the cumulative sum ignores, in standard deviations.
 pub const ALLOWANCE: f64 = 1.0;

@@ -9,8 +9,8 @@
 //! z_m = map(INS + x) + core(INS + x) + S + A_m β_m + e_m + white noise
 //! ```
 //!
-//! The start may be cold: the INS is known to metres there, so the map tells the coefficients before the INS has
-//! drifted.
+//! The start may be cold: the INS is accurate to metres there, so the map determines the coefficients before the INS
+//! has drifted.
 //!
 //! # Method
 //!
@@ -19,22 +19,24 @@
 //! path (Joseph's form) and its adjoint, the modified Bryson-Frazier smoother [Bierman 1973; Bell 1994: the iterated
 //! smoother is Gauss-Newton]. No covariance is inverted, so states without process noise or with a large prior do no
 //! harm. The path is x₁ = m − P λ₁, xₖ = Φ xₖ₋₁ − Q λₖ, and half the squared distance from prior and process is ½ λ₁ᵀ P
-//! λ₁ + ½ Σ λₖᵀ Q λₖ. Robust weights are those of [`Loss`](crate::navigation::loss::Loss) (iteratively reweighted least squares).
+//! λ₁ + ½ Σ λₖᵀ Q λₖ. Robust weights are those of [`Loss`](crate::navigation::loss::Loss) (iteratively reweighted least
+//! squares).
 //!
 //! The first windows begin at the line's start. A later window's prior is the marginal at its first node, given the
-//! dropped measurements alone, linearised about the last solution: the covariance of INS states and coefficients is
-//! carried on whole, and no measurement counts twice. Between the ends of windows a filter goes on from the end of the
-//! last one, linearised at its own predictions. It gives the innovations, which are thus of real time whatever the lag.
+//! dropped measurements alone, linearised about the last solution. It carries the whole covariance of INS states and
+//! coefficients, and no measurement counts twice. Between the ends of windows a filter continues from the end of the
+//! last window, linearised at its own predictions. It gives the innovations, which are real-time innovations at any
+//! lag.
 //!
-//! Positions from elsewhere ([`NavigationLine::fixes`]) are measurements of the states of their node, with the full weight
-//! of least squares whatever the loss.
+//! Aiding positions ([`NavigationLine::fixes`]) are measurements of the states of their node, with the full weight of
+//! least squares for any loss.
 //!
 //! # What the estimate of a sample has seen
 //!
-//! At `lag_s` = 0 it is that filter's: measurements up to the sample, or to the end of its `measurement_interval_s`. At
-//! a larger lag it is the smoothed state of the last window whose end is at most `lag_s` after the sample, if there is
-//! one that contains it; the filter's otherwise. A lag and a window of the length of the line smooth the whole line.
-//! The standard deviations are those of the estimate handed out.
+//! At `lag_s` = 0 it is that of the filter: it uses measurements up to the sample, or to the end of its
+//! `measurement_interval_s`. At a larger lag it is the smoothed state of the last window that contains the sample and
+//! ends at most `lag_s` after it; without such a window, the estimate of the filter. A lag and a window of the length
+//! of the line smooth the whole line. The standard deviations are those of the returned estimate.
 //!
 //! # Irregularities
 //!
@@ -88,7 +90,7 @@ pub struct Magnetometer<'a> {
     pub sigma_nt: &'a [f64],
     /// The aircraft's field.
     pub coefficients: Coefficients<'a>,
-    /// What lasts of its error beyond that: standard deviation in nT, correlation time in s. A sigma of 0 means none.
+    /// Slow error beyond that: standard deviation in nT, time constant in s. A standard deviation of 0 means none.
     pub error: GaussMarkov,
 }
 
@@ -123,7 +125,7 @@ impl<'a> Coefficients<'a> {
     }
 }
 
-/// What became of a sample.
+/// Outcome of a sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Usage {
     /// The filter used the measurement of one magnetometer or more.
@@ -132,7 +134,7 @@ pub enum Usage {
     Missing,
     /// The predicted position is off the map or in an unknown cell.
     OffMap,
-    /// The map is too flat there to tell a position; no measurement of the field was used.
+    /// The map is too flat to observe the position; no measurement of the field was used.
     Flat,
 }
 
@@ -143,7 +145,7 @@ pub struct FixedLagOutput {
     /// the first sample of it and NaN at its others: the residual of the first magnetometer that has one, the NIS the
     /// mean over magnetometers, of expectation 1. No sample is ever gated.
     pub navigation: NavigationOutput,
-    /// What became of each sample.
+    /// Outcome of each sample.
     pub usage: Vec<Usage>,
     /// The aircraft's field A β by the estimate of each sample, in nT, row-major: a row a sample, a column a
     /// magnetometer.
@@ -152,14 +154,14 @@ pub struct FixedLagOutput {
     pub coefficients: Vec<f64>,
     /// Their covariance, row-major.
     pub coefficient_covariance: Vec<f64>,
-    /// How each window was solved.
+    /// Solution of each window.
     pub windows: Vec<WindowReport>,
     /// The offset that was taken off each magnetometer's measurements, in nT.
     pub offsets_nt: Vec<f64>,
     /// Innovations of the further measurements, as those of [`FixedLagOutput::navigation`].
     pub aids: AidInnovations,
-    /// The horizontal slope of the predicted field at the first sample of its interval, in nT/m, where there are further
-    /// measurements; NaN off the map.
+    /// The horizontal slope of the predicted field at the first sample of its interval, in nT/m, where there are
+    /// further measurements; NaN off the map.
     pub slope_nt_per_m: Vec<f64>,
 }
 
@@ -175,10 +177,10 @@ impl FixedLagOutput {
     }
 }
 
-/// Why a line was not smoothed.
+/// Reason why a line was not smoothed.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum FixedLagError {
-    /// As of every filter.
+    /// An error of any filter.
     #[error(transparent)]
     Navigation(#[from] NavigationError),
     /// An array of a magnetometer has the wrong size.
@@ -190,15 +192,15 @@ pub enum FixedLagError {
         array: &'static str,
         /// Its size.
         found: usize,
-        /// The size that the number of samples and coefficients makes.
+        /// Its expected size from the number of samples and coefficients.
         expected: usize,
     },
-    /// A prior that is none.
+    /// An invalid prior.
     #[error("magnetometer {magnetometer}: {what}")]
     Prior {
         /// The magnetometer, counted from 0.
         magnetometer: usize,
-        /// What is wrong with it.
+        /// Reason.
         what: &'static str,
     },
 }
@@ -222,12 +224,12 @@ pub fn run(
     run_aided(parameters, line, magnetometers, &Aids::default(), keep)
 }
 
-/// [`run`] with further measurements. Those of an interval are averaged as the magnetometers' are, and are measurements of their
-/// node's states with the full weight of least squares whatever the loss, as positions from elsewhere. Where the map is too flat
-/// at the prediction of the filter, a magnetometer is not used.
+/// [`run`] with further measurements. Those of an interval are averaged like the magnetometers', and are measurements
+/// of their node's states with the full weight of least squares for any loss, like aiding positions. Where the map is
+/// too flat at the prediction of the filter, a magnetometer is not used.
 ///
 /// # Errors
-/// As [`run`] and [`Aids::check`].
+/// Fails as [`run`] and [`Aids::check`].
 pub fn run_aided(
     parameters: &FixedLagParameters,
     line: &NavigationLine<'_>,
@@ -262,7 +264,7 @@ pub fn run_aided(
     Ok(Passage::new(parameters, &layout, magnetometers, (aids, &states), nodes, prior, output).run()?)
 }
 
-/// What to hand out beside the track.
+/// Optional outputs besides the track.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Keep {
     /// The 18 error states of every sample (144 bytes each).
@@ -322,7 +324,9 @@ fn check(magnetometer: usize, one: &Magnetometer<'_>, rows: usize) -> Result<(),
         return fault("its random-walk densities must be finite and not below 0");
     }
     if !(one.error.sigma >= 0.0 && one.error.sigma.is_finite() && one.error.tau_s > 0.0) {
-        return fault("its Gauss-Markov error needs a finite sigma of at least 0 and a correlation time above 0");
+        return fault(
+            "its Gauss-Markov error requires a finite standard deviation of at least 0 and a time constant above 0",
+        );
     }
     if !is_covariance(covariance, terms) {
         return fault("its prior covariance is not symmetric and positive semidefinite");

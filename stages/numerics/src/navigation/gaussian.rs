@@ -15,7 +15,7 @@ pub(crate) struct Layout {
     pub errors: Vec<GaussMarkov>,
     /// The errors that last for a distance, by their place, with it in m.
     pub lengths_m: Vec<(usize, f64)>,
-    /// Where the coefficients of each magnetometer are.
+    /// Ranges of the coefficients of each magnetometer.
     pub blocks: Vec<Range<usize>>,
     /// The random-walk densities of all coefficients, per second.
     pub walk: Vec<f64>,
@@ -31,7 +31,7 @@ impl Layout {
         STATES + self.errors.len()
     }
 
-    /// An error as it goes on at a speed over ground.
+    /// Propagation of an error at a ground speed.
     pub fn error_at(&self, place: usize, speed_mps: f64) -> GaussMarkov {
         let error = self.errors[place];
         match self.lengths_m.iter().find(|(of, _)| *of == place) {
@@ -40,7 +40,7 @@ impl Layout {
         }
     }
 
-    /// The errors as they go on in a step.
+    /// Propagation of the errors over a step.
     fn errors_of<'a>(&'a self, step: &'a Step) -> impl Iterator<Item = GaussMarkov> + 'a {
         (0..self.errors.len()).map(|place| self.error_at(place, step.speed_mps))
     }

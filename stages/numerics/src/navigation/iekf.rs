@@ -13,16 +13,16 @@
 //! x⁺ = x⁻ + Kᵢ (z - h(xᵢ) - Hᵢ (x⁻ - xᵢ)),      Kᵢ = P Hᵢᵀ/(Hᵢ P Hᵢᵀ + σ²)
 //! ```
 //!
-//! [Jazwinski 1970, chapter 8; Bell & Cathey 1993]. A step that would raise J is halved until it does not; after
-//! ten halvings the iterate stays the answer, so no answer is less probable than the prediction. The covariance is that of
-//! the last linearisation. All iterates are x⁻ + P v with a v that has entries for position and S only, so that
-//! the first term of J is vᵀ P v/2, which needs no inverse, and an iteration costs little beside its map value.
+//! [Jazwinski 1970, chapter 8; Bell & Cathey 1993]. A step that would raise J is halved until it does not; after ten
+//! halvings the iterate stays the answer, so no answer is less probable than the prediction. The covariance is that of
+//! the last linearisation. All iterates are x⁻ + P v with a v that has entries for position and S only, so that the
+//! first term of J is vᵀ P v/2, which needs no inverse, and an iteration costs little besides its map value.
 //!
 //! With one iteration it is the extended Kalman filter: the one step is taken whole and J is not computed.
 //!
 //! Irregularities are those of `ekf`: a measurement that is NaN or infinite or whose sigma is not above 0, and a
-//! predicted position off the map, leave the filter predicting. An iterate off the map, or in an unknown cell, has no J,
-//! so the step to it is halved.
+//! predicted position off the map, leave the filter predicting. An iterate off the map, or in an unknown cell, has no
+//! J, so the step to it is halved.
 
 use crate::earth::field_value::FieldValue;
 use crate::navigation::field::PredictedField;
@@ -43,12 +43,11 @@ pub struct IekfParameters {
     pub iterations: usize,
     /// The iteration ends where a step moves the position by less than this, in m.
     pub tolerance_m: f64,
-    /// A measurement whose squared innovation over its variance is above this is left out and counted; `None` uses
-    /// every one.
+    /// Largest NIS of a measurement; larger ones are rejected and counted. `None` uses every measurement.
     pub gate_nis: Option<f64>,
-    /// Hand out the error states of every sample (144 bytes each).
+    /// Returns the error states of every sample (144 bytes each).
     pub keep_states: bool,
-    /// Hand out the covariance of every sample (2.6 kB each).
+    /// Returns the covariance of every sample (2.6 kB each).
     pub keep_covariance: bool,
 }
 
@@ -59,7 +58,7 @@ impl Default for IekfParameters {
 }
 
 impl IekfParameters {
-    /// Refuses parameters that make no filter.
+    /// Rejects invalid parameters.
     ///
     /// # Errors
     /// Fails for no iteration, and for a tolerance or gate that is not a finite number above 0.
@@ -70,7 +69,7 @@ impl IekfParameters {
     }
 }
 
-/// How the iterations went.
+/// Report on the iterations.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct IekfReport {
     /// Linearisations of the map in all updates together.
@@ -87,7 +86,7 @@ pub struct IekfReport {
 pub struct IekfOutput {
     /// The line.
     pub line: NavigationOutput,
-    /// How the iterations went.
+    /// Report on the iterations.
     pub iterations: IekfReport,
 }
 

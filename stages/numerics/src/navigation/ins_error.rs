@@ -1,4 +1,4 @@
-//! How wrong an inertial navigation system is: its error sources, and a simulation of them.
+//! Error sources of an inertial navigation system, and their simulation.
 
 use crate::earth::geodesy::EarthModel;
 use crate::navigation::ins_series::{InsSeries, SeriesError};
@@ -28,33 +28,33 @@ pub use mechanised::{MechanisedExtras, mechanised_errors_along};
 pub use start::{Fix, FixSigmas, aligned_covariance, correction_along};
 
 params! {
-    /// The error sources of an INS: initial uncertainties, noise densities, correlation times. The defaults are
-    /// MagNav.jl's, of a navigation-grade INS. [thesis 000 (5.35); MagNav.jl `create_model`]
+    /// Error sources of an INS: initial standard deviations, noise densities and time constants. The defaults are those
+    /// of MagNav.jl for a navigation-grade INS. [Gnadt 2022, (5.35); MagNav.jl `create_model`]
     pub struct InsErrors, all default;
-    /// Initial horizontal position error, each axis.
+    /// Standard deviation of the initial horizontal position error, each axis.
     init_position_sigma_m: f64, unit "m", default 3.0, rule Rule::NotNegative;
-    /// Initial height error.
+    /// Standard deviation of the initial height error.
     init_altitude_sigma_m: f64, unit "m", default 0.001, rule Rule::NotNegative;
-    /// Initial velocity error, each axis.
+    /// Standard deviation of the initial velocity error, each axis.
     init_velocity_sigma_mps: f64, unit "m/s", default 0.01, rule Rule::NotNegative;
-    /// Initial tilt error, each axis.
+    /// Standard deviation of the initial tilt error, each axis.
     init_attitude_sigma_deg: f64, unit "deg", default 0.01, rule Rule::NotNegative;
-    /// Initial heading error, the tilt about the down axis. An INS levels itself by gravity and finds north by the earth's
-    /// rotation, which is far weaker.
+    /// Standard deviation of the initial yaw error, the tilt about the down axis. It is larger than the level tilt
+    /// errors, because the INS finds north by the earth's rotation, which is a much weaker signal than gravity.
     init_heading_sigma_deg: Option<f64>, unit "deg", default None, absent "the initial tilt error", rule Rule::NotNegative;
-    /// Velocity random walk.
+    /// Velocity random walk (square root of the spectral density).
     vrw_sigma: f64, unit "m/s^1.5", default 0.000238, rule Rule::NotNegative;
-    /// Angular random walk.
+    /// Angular random walk (square root of the spectral density).
     arw_sigma: f64, unit "rad/s^0.5", default 0.000000581, rule Rule::NotNegative;
-    /// Barometer error.
+    /// Standard deviation of the barometer error.
     baro_sigma_m: f64, unit "m", default 1.0, rule Rule::NotNegative;
-    /// Initial error of the barometric-aiding altitude.
+    /// Standard deviation of the initial error of the barometric-aiding altitude.
     ha_sigma_m: f64, unit "m", default 0.001, rule Rule::NotNegative;
-    /// Initial error of the barometric-aiding vertical acceleration.
+    /// Standard deviation of the initial error of the barometric-aiding vertical acceleration.
     a_hat_sigma_mps2: f64, unit "m/s2", default 0.01, rule Rule::NotNegative;
-    /// Accelerometer bias.
+    /// Standard deviation of the accelerometer bias.
     acc_sigma_mps2: f64, unit "m/s2", default 0.000245, rule Rule::NotNegative;
-    /// Gyro bias.
+    /// Standard deviation of the gyro bias.
     gyro_sigma_radps: f64, unit "rad/s", default 0.00000000727, rule Rule::NotNegative;
     /// Time constant of the barometer error.
     baro_tau_s: f64, unit "s", default 3600.0, rule Rule::Positive;
@@ -73,16 +73,17 @@ pub struct InsErrorModel {
     pub sources: InsErrors,
     /// Standard deviation of the temporal variation, in nT.
     pub fogm_sigma_nt: f64,
-    /// Correlation time of the temporal variation, in s.
+    /// Time constant of the temporal variation, in s.
     pub fogm_tau_s: f64,
-    /// What turns metres into radians and back.
+    /// Earth model for conversions between metres and radians.
     pub earth: EarthModel,
     /// The form of the error model's matrix.
     pub pinson: PinsonForm,
-    /// How a step's process noise is made.
+    /// Discretisation of the process noise.
     pub noise: NoiseDiscretisation,
-    /// Covariance of the states at the first sample, in rad, m, m/s, m/s², rad/s and nT; `None`: diagonal, of the initial
-    /// standard deviations of `sources`. The variance of the temporal variation is that of `fogm_sigma_nt` either way.
+    /// Covariance of the states at the first sample, in rad, m, m/s, m/s², rad/s and nT. `None`: diagonal, from the
+    /// initial standard deviations of `sources`. The variance of the temporal variation is that of `fogm_sigma_nt` in
+    /// either case.
     pub start: Option<StateMatrix>,
 }
 
@@ -92,18 +93,18 @@ impl Default for InsErrorModel {
     }
 }
 
-/// A parameter that makes no model.
+/// A parameter out of range.
 #[derive(Clone, Debug, Error, PartialEq)]
 #[error("{}", .0.what)]
 pub struct ParameterError(pub Fault);
 
-/// Why there is no simulation.
+/// Reason why there is no simulation.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum InsErrorFault {
     /// A parameter is out of range.
     #[error(transparent)]
     Parameter(#[from] ParameterError),
-    /// The trajectory cannot be used.
+    /// The trajectory is invalid.
     #[error(transparent)]
     Series(#[from] SeriesError),
 }
@@ -133,7 +134,7 @@ impl InsErrorModel {
         }
     }
 
-    /// Refuses negative or missing uncertainties and time constants that are not positive.
+    /// Rejects negative or missing uncertainties and time constants that are not positive.
     ///
     /// # Errors
     /// Fails for the first parameter that is not finite or out of its range.
@@ -185,8 +186,8 @@ impl InsErrorModel {
         }
     }
 
-    /// Spectral densities of the driving noise, per second, the diagonal of Q. Position and
-    /// vertical acceleration get 1e-30, as in MagNav.jl: nothing, but positive. [thesis 000 (5.35)]
+    /// Spectral densities of the driving noise, per second, the diagonal of Q. Position and vertical acceleration have
+    /// 1e-30, as in MagNav.jl: negligible, but positive. [Gnadt 2022, (5.35)]
     pub fn noise_density(&self) -> StateVector {
         let of = |sigma: f64, tau_s: f64| GaussMarkov { sigma, tau_s }.noise_density();
         let mut q = [1e-30; STATES];
@@ -210,7 +211,7 @@ pub(super) fn require(name: &'static str, value: f64, rule: Rule) -> Result<(), 
 ///
 /// The first error is drawn from the initial covariance; each step is e ← Φ (e + w₁) + w₂ with w₁
 /// and w₂ half of the step's noise each, which is exactly the covariance that a filter with
-/// [`NoiseDiscretisation::Trapezoidal`] assumes. `normal` hands out standard normals: 18 for the
+/// [`NoiseDiscretisation::Trapezoidal`] assumes. `normal` returns standard normals: 18 for the
 /// first sample, 36 a step.
 ///
 /// # Errors

@@ -1,4 +1,4 @@
-//! The INS by itself: no field is measured, and the covariance says how wrong it is by now.
+//! The INS without measurements of the field, with its covariance.
 
 use crate::navigation::estimate::{Estimate, Recursion};
 use crate::navigation::ins_error::InsErrorModel;
@@ -6,8 +6,8 @@ use crate::navigation::ins_series::InsSeries;
 use crate::navigation::output::{Innovation, NavigationError, NavigationOutput};
 use crate::navigation::position_fixes::{NO_FIX, PositionFixes};
 
-/// The INS along a line, with the covariance of its error: P ← Φ P Φᵀ + Q from the initial one on. With `fixes` it is an
-/// INS that positions from elsewhere aid, where and when there are any.
+/// The INS along a line, with the covariance of its error: P ← Φ P Φᵀ + Q from the initial one on. With `fixes` it is
+/// an INS that aiding positions aid, where and when there are any.
 ///
 /// # Errors
 /// Fails as [`InsErrorModel::check`], [`InsSeries::check`] and [`PositionFixes::check`], and with

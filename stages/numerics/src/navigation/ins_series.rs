@@ -57,11 +57,11 @@ impl<'a> InsSeries<'a> {
     }
 }
 
-/// Why a line cannot be navigated. Rows are counted from 0.
+/// Reason why a line cannot be navigated. Rows are counted from 0.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum SeriesError {
     /// There are too few samples.
-    #[error("the line has {rows} sample(s); at least {needed} are needed")]
+    #[error("the line has {rows} sample(s); at least {needed} are required")]
     TooShort {
         /// The number of samples.
         rows: usize,
@@ -69,7 +69,7 @@ pub enum SeriesError {
         needed: usize,
     },
     /// A column has another length than the time column.
-    #[error("column `{column}` has {rows} rows, `tt` has {expected}")]
+    #[error("column `{column}` has {rows} rows, but `tt` has {expected}")]
     Length {
         /// The column.
         column: &'static str,
@@ -79,7 +79,7 @@ pub enum SeriesError {
         expected: usize,
     },
     /// A value is missing or infinite where the filter needs one.
-    #[error("column `{column}` is {value} in row {row}; the filter needs a finite value in every row")]
+    #[error("column `{column}` is {value} in row {row}; the filter requires a finite value in every row")]
     NotFinite {
         /// The column.
         column: &'static str,

@@ -176,7 +176,7 @@ impl Score {
 }
 
 impl Likelihood<'_> {
-    /// What filters of these parameters return.
+    /// Outputs of filters with these parameters.
     fn outputs(&self, points: &[Point]) -> Vec<Result<NavigationOutput, NavigationError>> {
         let Search { line, scale, known_nt, map_nt, .. } = *self.search;
         let ins = self.thinned.ins();

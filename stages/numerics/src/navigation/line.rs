@@ -19,8 +19,8 @@ use crate::navigation::transition::{step_covariance, transition_matrix};
 pub struct NavigationLine<'a> {
     /// The INS.
     pub ins: &'a InsSeries<'a>,
-    /// The measured field at each sample, in nT; NaN where there is none. It holds the core field if, and only if, `core`
-    /// is given.
+    /// The measured field at each sample, in nT; NaN where there is none. It holds the core field if, and only if,
+    /// `core` is given.
     pub measurement_nt: &'a [f64],
     /// The standard deviation of the white noise of each measurement, in nT; a value that is not above 0 makes its
     /// measurement a missing one.
@@ -31,9 +31,9 @@ pub struct NavigationLine<'a> {
     pub core: Option<&'a Arc<CoreField>>,
     /// The error sources of the INS and the temporal variation.
     pub errors: InsErrorModel,
-    /// The mean of measurement minus prediction over the first so many seconds is taken off; 0 takes nothing off.
+    /// Length, in s, of the window whose mean of measurement minus prediction is subtracted; 0 subtracts nothing.
     pub offset_window_s: f64,
-    /// Positions from elsewhere, each used before the measurement of its sample.
+    /// Aiding positions, each used before the measurement of its sample.
     pub fixes: Option<&'a PositionFixes>,
     /// Counts the curvature of the map over the position's uncertainty as noise of the measurement.
     pub second_order: bool,
@@ -53,11 +53,12 @@ pub struct LineStep {
 }
 
 impl<'a> NavigationLine<'a> {
-    /// Refuses a line that cannot be filtered.
+    /// Rejects a line that cannot be filtered.
     ///
     /// # Errors
-    /// Fails as [`InsErrorModel::check`] and [`InsSeries::check`], and with [`SeriesError::Length`](crate::navigation::SeriesError) for columns of
-    /// different lengths, and as [`PositionFixes::check`].
+    /// Fails as [`InsErrorModel::check`] and [`InsSeries::check`], and with
+    /// [`SeriesError::Length`](crate::navigation::SeriesError) for columns of different lengths, and as
+    /// [`PositionFixes::check`].
     pub fn check(&self) -> Result<(), NavigationError> {
         self.errors.check()?;
         self.ins.check()?;
@@ -71,7 +72,7 @@ impl<'a> NavigationLine<'a> {
         Measurements { measurement_nt: self.measurement_nt, sigma_nt: self.sigma_nt }
     }
 
-    /// The positions from elsewhere at a row, as measurements of states.
+    /// The aiding positions at a row, as measurements of states.
     #[inline]
     pub(crate) fn fixes_at(&self, row: usize) -> [Option<StateFix>; 3] {
         self.fixes.map_or(NO_FIX, |fixes| fixes.at(self.ins, row, self.errors.earth))

@@ -1,20 +1,20 @@
-//! Losses that grow more slowly than the square, so that outliers cannot draw a trajectory to them.
+//! Losses that grow more slowly than the square, to limit the influence of outliers on a trajectory.
 
 use params::choice;
 
-/// The least weight: beyond it a measurement counts for nothing, and its variance stays finite.
+/// Smallest weight. It keeps the variance of a rejected measurement finite.
 const LEAST_WEIGHT: f64 = 1e-12;
 
 choice! {
-    /// The loss ρ(r) of a residual r in sigmas.
+    /// Loss ρ(r) of a residual r in standard deviations.
     #[derive(Default)]
     pub enum Loss {
         /// r²/2: the most probable trajectory of normal noise.
         #[default]
         None = "none",
-        /// r²/2 up to the scale c, c |r| - c²/2 beyond: what is far off draws with a constant force. [Huber 1964]
+        /// r²/2 up to the scale c, c |r| - c²/2 beyond: the influence of an outlier is constant. [Huber 1964]
         Huber = "huber",
-        /// c²/2 ln(1 + r²/c²): what is far off draws the less the farther it is. J may have several minima.
+        /// c²/2 ln(1 + r²/c²): the influence of an outlier decreases with its distance. J may have several minima.
         Cauchy = "cauchy",
     }
 }

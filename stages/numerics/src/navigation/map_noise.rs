@@ -1,8 +1,8 @@
-//! The error that a map gives for each of its nodes, as the noise of the measurements along a line.
+//! The error of the nodes of a map as noise of the measurements along a line.
 //!
-//! The error is that at the aircraft, which the INS does not know: between the lines of a survey it changes within some
-//! hundred metres, while an INS is kilometres off after an hour. It is looked up at the position that an extended Kalman
-//! filter of the scalar field predicts for each sample, with this noise in its own updates.
+//! The relevant error is that at the position of the aircraft, which is unknown: between survey lines it changes within
+//! some hundred metres, while the error of an INS is kilometres after an hour. It is therefore read at the position
+//! that an extended Kalman filter of the scalar field predicts for each sample, with this noise in its own updates.
 
 use pulp::{Simd, WithSimd};
 
@@ -13,12 +13,13 @@ use crate::navigation::line::NavigationLine;
 use crate::navigation::output::{Innovation, NavigationError, NavigationOutput};
 use crate::navigation::sensitivity::Sensitivity;
 
-/// One sigma of the map's error at each sample of a line, in nT, times `factor`; NaN where the map has a value and no error,
-/// 0 off the map. `error_nt` holds one sigma of each node. The noise of the line's own measurements comes in addition.
+/// Standard deviation of the map's error at each sample of a line, in nT, times `factor`; NaN where the map has a value
+/// and no error, 0 off the map. `error_nt` holds standard deviation of each node. The noise of the line's own
+/// measurements comes in addition.
 ///
 /// # Errors
-/// Fails as [`NavigationLine::check`], and with [`NavigationError::Diverged`] when states or variances are no longer finite
-/// or a variance is negative.
+/// Fails as [`NavigationLine::check`], and with [`NavigationError::Diverged`] when states or variances are no longer
+/// finite or a variance is negative.
 pub fn along(line: &NavigationLine<'_>, error_nt: &FieldMap, factor: f64) -> Result<Vec<f64>, NavigationError> {
     line.check()?;
     let mut field = line.predicted();
@@ -50,7 +51,7 @@ impl WithSimd for Filter<'_> {
 }
 
 impl Filter<'_> {
-    /// One sigma of the map's error at an error of the INS of a row, in nT.
+    /// Standard deviation of the map's error at an error of the INS of a row, in nT.
     fn sigma_nt_at(&self, row: usize, [lat_rad, lon_rad, alt_m]: [f64; 3]) -> f64 {
         let ins = self.line.ins;
         let (lat_deg, lon_deg) = (ins.lat_deg[row] + lat_rad.to_degrees(), ins.lon_deg[row] + lon_rad.to_degrees());

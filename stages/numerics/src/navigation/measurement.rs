@@ -13,7 +13,7 @@ pub(crate) struct Measurements<'a> {
 }
 
 impl Measurements<'_> {
-    /// Refuses columns of another length than the line's.
+    /// Rejects columns of another length than the line's.
     ///
     /// # Errors
     /// [`SeriesError::Length`] with the column's name.
@@ -26,8 +26,8 @@ impl Measurements<'_> {
         Ok(())
     }
 
-    /// The measurement of a row less an offset, in nT, and its variance, in nT²; `None` where it is missing, or the square
-    /// of its sigma is 0 or infinite.
+    /// The measurement of a row less an offset, in nT, and its variance, in nT²; `None` where it is missing, or the
+    /// square of its sigma is 0 or infinite.
     #[inline(always)]
     pub(crate) fn at(&self, row: usize, offset_nt: f64) -> Option<(f64, f64)> {
         let (value_nt, sigma_nt) = (self.measurement_nt[row] - offset_nt, self.sigma_nt[row]);

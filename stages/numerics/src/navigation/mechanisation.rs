@@ -161,8 +161,8 @@ fn surroundings(earth: Earth, lat_rad: f64, alt_m: f64, v: &Vector3<f64>) -> Sur
     }
 }
 
-/// How often a step is repeated with the midpoint that it leads to. Each repetition gains the
-/// factor K1 Δt/2, or 2 Ω Δt where no barometer aids.
+/// Number of repetitions of a step with the midpoint of its result. Each repetition gains the factor K1 Δt/2, or 2 Ω Δt
+/// without a barometer.
 const REPETITIONS: usize = 4;
 
 /// An inertial navigation system.

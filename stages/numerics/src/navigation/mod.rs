@@ -8,12 +8,12 @@
 //! | [`map_noise`] | the error of each node of a map, as noise along a line |
 //! | [`field`] | the field that a filter predicts: map and core field |
 //! | [`loss`] | losses that outliers do not dominate |
-//! | [`output`] | what a filter makes of a line |
-//! | [`ins_only`] | the INS by itself, with the covariance of its error |
+//! | [`output`] | output of a filter on a line |
+//! | [`ins_only`] | the INS without measurements, with the covariance of its error |
 //! | [`iekf`] | the iterated extended Kalman filter |
 //! | [`rts`] | the fixed-interval smoother, iterated to the maximum a posteriori |
 //! | [`ukf`] | the unscented Kalman filter |
-//! | [`aided`] | these filters with a difference of magnetometers, the field's vector and a height beside the field |
+//! | [`aided`] | these filters with a difference of magnetometers, the field vector and a height besides the field |
 //! | [`aids`] | what they measure: rows of H, predictions, noise |
 //! | [`crlb`] | the posterior Cramér-Rao bound along the true path |
 //! | [`adaptive`] | the filter that finds the noise of its measurements |
@@ -21,10 +21,10 @@
 //! | [`online_nn`] | the same with the weights of a small network |
 //! | [`fixed_lag`] | the sliding-window smoother with Tolles-Lawson coefficients |
 //! | [`mpf`] | the marginalised particle filter |
-//! | [`slam`] | navigation without a map, on the revisits of its own path |
+//! | [`slam`] | navigation without a map, by revisits of the path |
 //! | [`track_map`] | the map of a track, by Gaussian-process regression of reduced rank |
 //! | [`fix_test`] | a test of these positions against the INS |
-//! | [`position_fixes`] | positions from elsewhere that aid a filter |
+//! | [`position_fixes`] | aiding positions, such as those by GNSS |
 //! | [`pinson`] | the states and the matrix F of the error model |
 //! | [`transition`] | Φ = exp(F Δt) and the process noise of a step |
 //! | [`ins_error`] | error sources and grades of an INS; its errors simulated along a trajectory |
@@ -35,7 +35,7 @@
 //!
 //! The state x is truth minus INS: latitude, longitude (rad), altitude, velocity and tilt north-east-down,
 //! accelerometer and gyroscope biases, two states of the barometer, and the temporal variation S of the field. At
-//! rest on a sphere of radius R, the rows of F that make the Schuler oscillation are [thesis 000, (5.15)-(5.32);
+//! rest on a sphere of radius R, the rows of F that make the Schuler oscillation are [Gnadt 2022, (5.15)-(5.32);
 //! Titterton & Weston 2004, chapter 12]
 //!
 //! ```text
@@ -44,10 +44,10 @@
 //! ```
 //!
 //! with the tilt ψ, the accelerometer and gyroscope biases a and b, and the earth's rate Ω. The barometer's gains,
-//! which the thesis does not print, are those of MagNav.jl ([`pinson::K1`], [`pinson::K2`], [`pinson::K3`]).
+//! which Gnadt 2022 does not print, are those of MagNav.jl ([`pinson::K1`], [`pinson::K2`], [`pinson::K3`]).
 //!
 //! The filter alternates, from P₀, the measurement z of the scalar field (nT) and the step to the next sample
-//! [Brown & Hwang 2012, chapters 4 and 7; thesis 000, section 5.3]
+//! [Brown & Hwang 2012, chapters 4 and 7; Gnadt 2022, section 5.3]
 //!
 //! ```text
 //! h(x) = map(INS + x) + core(INS + x) + S
@@ -57,7 +57,7 @@
 //! x ← Φ x,                   P ← Φ P Φᵀ + Q_d,      Q_d = ∫₀^Δt e^(F s) Q e^(Fᵀ s) ds
 //! ```
 //!
-//! Where the printed equations differ: thesis 000 (5.37) lacks the 1 of S in H, and its (5.35) is a spectral density,
+//! Where the printed equations differ: Gnadt 2022 (5.37) lacks the 1 of S in H, and its (5.35) is a spectral density,
 //! which is to be integrated over a step ([`NoiseDiscretisation`]). A measurement that contains a constant offset
 //! beyond what S can take up needs [`EkfParameters::offset_window_s`].
 //!

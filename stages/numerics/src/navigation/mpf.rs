@@ -1,11 +1,11 @@
-//! The marginalised (Rao-Blackwellised) particle filter: particles for the position, a Kalman filter for the rest.
+//! The marginalised particle filter: particles for the position, a Kalman filter for the other states.
 //!
-//! A map is far from linear in position, and nearly nothing else is. Given the position, the 16 other states of
-//! `pinson` are linear and Gaussian, so each particle holds an error of latitude and longitude with the mean of the
-//! others given it; they all share one covariance P [Schön, Gustafsson & Nordlund 2005; thesis 000, section 5.3 for
-//! the states]. Use it where the position may be kilometres off, or where two places may explain the measurements:
-//! [`MpfOutput::modes`] has the probability of each. Elsewhere it agrees with the extended Kalman filter and takes
-//! seventy times as long.
+//! A map is strongly nonlinear in position; the rest of the model is nearly linear. Given the position, the 16 other
+//! states of `pinson` are linear and Gaussian. Each particle therefore holds an error of latitude and longitude with
+//! the conditional mean of the others, and all share one covariance P [Schön, Gustafsson & Nordlund 2005; Gnadt 2022,
+//! section 5.3 for the states]. Use it for a position error of kilometres, or if two places may explain the
+//! measurements: [`MpfOutput::modes`] has the probability of each. Otherwise it agrees with the extended Kalman filter
+//! and takes seventy times as long.
 //!
 //! # A sample
 //!
@@ -19,59 +19,59 @@
 //! x_i ← Φ x_i + [√M; C √M⁻ᵀ] ξ_i,          P ← T − C M⁻¹ Cᵀ,      ξ_i ~ N(0, I)
 //! ```
 //!
-//! P after a measurement is the mean of what the particles would have by themselves; it is the usual update where the
-//! field changes alike with height at all of them. The step is (22)-(25) of the paper, of the linear states after
-//! their measurement. Weights are logarithms, and never vanish.
+//! P after a measurement is the mean of the covariances that the particles would have separately; it is the usual
+//! update if the field changes equally with height at all of them. The step is (22)-(25) of the paper, with the linear
+//! states after their measurement. Weights are logarithms and never vanish.
 //!
-//! **A particle off the map**, or in an unknown cell, has its weight multiplied by the mean likelihood of the others:
-//! it is neither favoured nor killed, and the probability of being off the map stays as it is until particles fly onto
-//! it. With less than a tenth of the weight on the map the sample is `off_map` and nothing is used.
+//! **A particle off the map**, or in an unknown cell, has its weight multiplied by the mean likelihood of the others.
+//! The probability of being off the map therefore stays constant until particles fly onto it. With less than a tenth of
+//! the weight on the map the sample is `off_map` and is not used.
 //!
-//! **A measurement that no particle explains** ([`UNEXPLAINED_NIS`]) is not used; it counts as gated, and in
-//! [`MpfReport::unexplained`]. Many in a row mean that the cloud has lost the aircraft: nothing brings it back.
+//! **A measurement that contradicts every particle** ([`UNEXPLAINED_NIS`]) is not used; it counts as gated, and in
+//! [`MpfReport::unexplained`]. Many in a row mean that the cloud has lost the aircraft permanently.
 //!
 //! # Resampling
 //!
-//! Systematic, by one uniform number, when 1/Σq² < `resample_threshold` N. The position of an INS of navigation grade
-//! is driven by next to no noise, so copies of a particle stay copies, in velocity and tilt too, and a plain particle
-//! filter ends with a handful of paths and a covariance far too small. `regularise` therefore draws from a kernel
-//! density: the position from Gaussian kernels of the optimal bandwidth h = N^(-1/6) [Musso, Oudjane & Le Gland 2001],
-//! the particles first drawn together by √(1 − h²) so that mean and covariance stay as they are [West 1993]; the
+//! Systematic, by one uniform number, when 1/Σq² < `resample_threshold` N. The position of a navigation-grade INS has
+//! almost no driving noise. Copies of a particle therefore stay copies, in velocity and tilt too, and a plain particle
+//! filter ends with a handful of paths and a covariance far too small. `regularise` draws from a kernel density
+//! instead. The position is drawn from Gaussian kernels of the optimal bandwidth h = N^(-1/6) [Musso, Oudjane & Le
+//! Gland 2001]; the particles are first contracted by √(1 − h²), which keeps mean and covariance [West 1993]. The
 //! linear states follow the position by their regression on it, and h² of the covariance about the regression moves
-//! from the particles into P, instead of being drawn. A cloud wider than `smooth_over_m` has kernels by cells of at
+//! from the particles into P instead of being drawn. A cloud wider than `smooth_over_m` has kernels by cells of at
 //! least 16 effective particles, and regressions by mode. A measurement that would leave less than a tenth of the
-//! particles effective is used in parts, as several measurements whose inverse variances sum up to its own, with a
-//! resampling between them (progressive correction, same source).
+//! particles effective is split into several measurements whose inverse variances add up to its own, with a resampling
+//! between them (progressive correction, same source).
 //!
-//! # Positions from elsewhere
+//! # Aiding positions
 //!
-//! A fix of latitude and longitude weighs the particles, whose positions have no variance of their own; one of the height is
-//! a Kalman update of the linear states of each, with the gain that all share. Both are exact but for the number of
-//! particles. A fix far narrower than the cloud is used in parts, as a measurement is.
+//! A fix of latitude and longitude weights the particles, whose positions have no variance. A fix of the height is a
+//! Kalman update of the linear states of each, with a common gain. Both are exact except for the finite number of
+//! particles. A fix far narrower than the cloud is split, like a measurement.
 //!
 //! # Further measurements
 //!
-//! The Gauss-Markov states of [`aids`](crate::navigation::aids), what lasts of a measurement's error and of the map's, are linear
-//! like the 16: they join each particle's mean and the common covariance, of 21 states with them and of 27 with the field's
-//! vector. A difference, a component of the vector, and a height are each a measurement as the field is, with
+//! The Gauss-Markov states of [`aids`](crate::navigation::aids), the slow errors of measurements and of the map, are
+//! linear like the 16. They join each particle's mean and the common covariance, which then has 21 states, or 27 with
+//! the field vector. A difference, a component of the vector, and a height are each used like the field, with
 //!
 //! ```text
 //! e_i = z − v(position of i) − u x_i,   H_i = u + (slope of v with height at i) for the altitude,
 //! ```
 //!
-//! where v is the map's at each particle's own position, at both ends of the baseline for a difference, and the row u of biases,
-//! S and tilt is that of all: what the tilt does is linear about the middle of the cloud. They come after the field, each with a
-//! resampling before it where too few particles are left. A map that is too flat tells the particles apart by its values, not
-//! by its slope, so that [`Aids::flat_over_m`] is not looked at; the map's error is a state.
+//! where v is the map value at each particle's own position, at both ends of the baseline for a difference, and the row
+//! u of biases, S and tilt is common: the effect of the tilt is linearised about the middle of the cloud. They follow
+//! the field, each after a resampling if too few particles are effective. On a flat map the particles differ by its
+//! values, not by its slope, so [`Aids::flat_over_m`] is ignored; the map error is a state.
 //!
 //! Every random number is a function of seed, sample and particle, and sums have a fixed order: the same bits on any
 //! number of threads.
 //!
-//! # How many particles
+//! # Number of particles
 //!
-//! A thousand for an INS known to hundreds of metres. For one lost by kilometres the first cloud must have particles
-//! within the width of an anomaly of the truth, also at its edge: 3 km of standard deviation on each axis and a map
-//! flown 500 m above the ground need ten thousand. Whether the cloud has held the aircraft is in the report.
+//! 1000 for an INS known to hundreds of metres. For an INS lost by kilometres the first cloud must have particles
+//! within the width of an anomaly of the truth, also at its edge: a standard deviation of 3 km on each axis and a map
+//! flown 500 m above the ground require 10,000. The report shows whether the cloud has kept the aircraft.
 
 mod cloud;
 mod core_expansion;
@@ -115,8 +115,8 @@ const WITH_ALL: usize = WITH_VECTOR + 2;
 /// and uses more threads from 8192 particles up.
 ///
 /// # Errors
-/// Fails as [`MpfParameters::check`], [`Aids::check`] and [`NavigationLine::check`], and with [`NavigationError::Diverged`]
-/// when states or variances are no longer finite or a variance is negative.
+/// Fails as [`MpfParameters::check`], [`Aids::check`] and [`NavigationLine::check`], and with
+/// [`NavigationError::Diverged`] when states or variances are no longer finite or a variance is negative.
 pub fn run(
     parameters: &MpfParameters,
     line: &NavigationLine<'_>,

@@ -1,8 +1,8 @@
-//! The aircraft's own field estimated in flight: online Tolles-Lawson.
+//! Aircraft field estimated in flight: online Tolles-Lawson.
 //!
-//! The 18 states of the extended Kalman filter are followed by the coefficients βₘ of each magnetometer and, where
-//! asked for, the bias b of the vector magnetometer that their terms are made of. The scalar magnetometers are not
-//! compensated beforehand. [thesis 000, section 5.5, (5.38)-(5.41); Canciani 2022]
+//! The 18 states of the extended Kalman filter are followed by the coefficients βₘ of each magnetometer and, if
+//! requested, the bias b of the vector magnetometer of their terms. The scalar magnetometers are uncompensated. [Gnadt
+//! 2022, section 5.5, (5.38)-(5.41); Canciani 2022]
 //!
 //! ```text
 //! zₘ = map(INS + x) + core(INS + x) + S + Aₘ(b) βₘ + white noise
@@ -10,24 +10,23 @@
 //! β ← β,   P_cc ← P_cc + q Δt,      b ← exp(−Δt/τ) b,      P_nc ← Φ P_nc
 //! ```
 //!
-//! Any terms are taken: Tolles-Lawson's, those of an extended model, the heading error of a scalar sensor, as long as
-//! they are known to each sample and hold no scalar magnetometer ([`check_sources`]). The states beyond the 18 have a
-//! diagonal transition, so that a step of 18 + 18 + 3 states costs some 6 microseconds.
+//! Any terms are accepted: Tolles-Lawson terms, those of an extended model, or the heading error of a scalar sensor, if
+//! they are known at each sample and contain no scalar magnetometer ([`check_sources`]). The states beyond the 18 have
+//! a diagonal transition, so a step of 18 + 18 + 3 states takes about 6 µs.
 //!
-//! Where this differs from the source: thesis 000 (5.39) overwrites three states by the vector's reading, with an
-//! infinite decay rate. Here the error of the reading is the state, which may last; its derivatives are those of all of
-//! A(b) β. MagNav.jl's leave out the altitude's, hold |B| constant and divide by B_x.
+//! Differences from the source: Gnadt 2022 (5.39) overwrites three states by the vector's reading, with an infinite
+//! decay rate. Here the error of the reading is the state, which may be slow; its derivatives are those of all of A(b)
+//! β. MagNav.jl's derivatives omit the altitude, keep |B| constant and divide by B_x.
 //!
-//! # What is observable
+//! # Observability
 //!
-//! The terms tell the aircraft's field from the earth's by the attitude: along a straight line at constant attitude
-//! each column is constant, and only their sum with S and the map's value is measured. The coefficients then keep
-//! their prior covariance across that sum, and the position keeps the information that is left. A constant in the
-//! terms (`bias`, and `xx` + `yy` + `zz`, whose sum is |B|/s) takes what a map leaves undetermined.
+//! The attitude distinguishes the aircraft field from the earth's field. On a straight line at constant attitude each
+//! column is constant, and only their sum with S and the map value is measured. The coefficients then keep their prior
+//! covariance across that sum, and the position keeps the remaining information. A constant in the terms (`bias`, and
+//! `xx` + `yy` + `zz`, whose sum is |B|/s) absorbs the constant that a map leaves undetermined.
 //!
-//! A random walk is to allow for the changes that are expected, and no more: permanent terms that walk by 20 nT in a
-//! second leave nothing of the map's signal to navigate by between the manoeuvres. With 1 to 4 nT, a jump of 100 nT
-//! is found within minutes.
+//! A random walk should only allow for the expected changes. Permanent terms that walk by 20 nT in a second absorb the
+//! whole signal of the map between the manoeuvres. With 1 to 4 nT, a jump of 100 nT is found within minutes.
 //!
 //! # Irregularities
 //!
@@ -65,13 +64,13 @@ pub struct Magnetometer<'a> {
     pub sigma_nt: &'a [f64],
     /// The terms, row-major, one row per sample and one column per coefficient.
     pub terms: &'a [f64],
-    /// What is known of the coefficients before the line.
+    /// Prior of the coefficients.
     pub prior: &'a CoefficientPrior,
     /// The spectral density of each coefficient's random walk, in its unit squared per s; 0 for a constant.
     pub walk_density: &'a [f64],
 }
 
-/// What the filter found of the aircraft's field at one magnetometer.
+/// Estimated aircraft field at one magnetometer.
 #[derive(Clone, Debug, Default)]
 pub struct AircraftEstimate {
     /// The coefficients after the last sample.
@@ -114,7 +113,7 @@ pub struct OnlineOutput {
     pub magnetometers: Vec<AircraftEstimate>,
     /// The bias of the vector magnetometer, where it is estimated.
     pub fluxgate: Option<FluxgateEstimate>,
-    /// What became of each sample, where there are further measurements.
+    /// Outcome of each sample, if there are further measurements.
     pub usage: Vec<Usage>,
     /// Their innovations.
     pub aids: AidInnovations,
@@ -123,8 +122,8 @@ pub struct OnlineOutput {
     pub slope_nt_per_m: Vec<f64>,
 }
 
-/// Refuses terms that hold a scalar magnetometer: the filter would subtract what it navigates by. `sources` are the
-/// columns that terms are made of, or the names of terms.
+/// Rejects terms that contain a scalar magnetometer: the filter would subtract its own measurement. `sources` are the
+/// columns of the terms, or the names of terms.
 ///
 /// # Errors
 /// Fails for the first that starts with `mag_`.
@@ -133,7 +132,7 @@ pub fn check_sources<S: AsRef<str>>(sources: &[S]) -> Result<(), ParameterError>
         None => Ok(()),
         Some(source) => {
             let what = format!(
-                "the terms hold `{source}`, a scalar magnetometer: the filter would subtract what it navigates by"
+                "the terms contain `{source}`, a scalar magnetometer: the filter would subtract its own measurement"
             );
             Err(refused("terms", what))
         }
@@ -259,7 +258,7 @@ impl<'a> TollesLawson<'a> {
         Ok(model)
     }
 
-    /// Refuses terms of a magnetometer that are not those of the vector.
+    /// Rejects terms of a magnetometer that are not those of the vector.
     fn check_fluxgate(&mut self, rows: usize) -> Result<(), ParameterError> {
         let Some(fluxgate) = &self.fluxgate else { return Ok(()) };
         let own = &mut self.own;

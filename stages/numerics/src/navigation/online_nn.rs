@@ -1,8 +1,8 @@
-//! The aircraft's own field estimated in flight: an online neural network.
+//! Aircraft field estimated in flight: an online neural network.
 //!
 //! The 18 states of the extended Kalman filter are followed by the weights w of a small network, whose output is the
-//! aircraft's field at the scalar magnetometer, which is not compensated beforehand. [thesis 000, section 5.6,
-//! (5.42)-(5.45); Singhal & Wu 1989, for training by the filter]
+//! aircraft field at the uncompensated scalar magnetometer. [Gnadt 2022, section 5.6, (5.42)-(5.45); Singhal & Wu 1989,
+//! for training by the filter]
 //!
 //! ```text
 //! z = map(INS + x) + core(INS + x) + S + m(features; w) + white noise
@@ -15,10 +15,10 @@
 //! measurement a missing one. The features must not hold a scalar magnetometer
 //! ([`check_sources`](super::online::check_sources)).
 //!
-//! A network of p features and h hidden units has h (p + 2) + 1 weights, and a step costs the square of 18 and that.
-//! Beyond the features of its calibration it extrapolates. The covariance of the weights knows the noise of the
-//! calibration, and not what the network cannot represent: on a smooth function of three features its errors have
-//! some 2.5 times the deviation that it says.
+//! A network of p features and h hidden units has h (p + 2) + 1 weights, and a step takes time proportional to the
+//! square of 18 plus their number. It extrapolates beyond the features of its calibration. The covariance of the
+//! weights includes the noise of the calibration but not the modelling error of the network: on a smooth function of
+//! three features its errors are about 2.5 times the predicted standard deviation.
 
 mod network;
 mod training;
@@ -47,21 +47,21 @@ pub struct NetworkOutput {
     pub sigma_by_row: Vec<f64>,
     /// Residuals, the aircraft's field, and how the samples were used.
     pub track: MagnetometerTrack,
-    /// What became of each sample, where there are further measurements.
+    /// Outcome of each sample, if there are further measurements.
     pub usage: Vec<Usage>,
     /// Their innovations.
     pub aids: AidInnovations,
-    /// As in [`OnlineOutput`](super::online::OnlineOutput).
+    /// See [`OnlineOutput`](super::online::OnlineOutput).
     pub slope_nt_per_m: Vec<f64>,
 }
 
-/// Filters one line, whose measurement is the uncompensated field, by it and by further measurements, of which there may be none.
-/// `features` are row-major, a row a sample.
+/// Filters one line, whose measurement is the uncompensated field, by it and by further measurements, of which there
+/// may be none. `features` are row-major, a row a sample.
 ///
 /// # Errors
-/// Fails as [`NavigationLine::check`] and [`Aids::check`], with [`NavigationError::Parameter`] for features, weights, covariances and
-/// densities of another size than the network's or out of their range, and with [`NavigationError::Diverged`] when
-/// states or variances are no longer finite or a variance is negative.
+/// Fails as [`NavigationLine::check`] and [`Aids::check`], with [`NavigationError::Parameter`] for features, weights,
+/// covariances and densities of another size than the network's or out of their range, and with
+/// [`NavigationError::Diverged`] when states or variances are no longer finite or a variance is negative.
 pub fn run(
     line: &NavigationLine<'_>,
     network: &Network,

@@ -1,4 +1,4 @@
-//! What a filter makes of a line, and why it may refuse one.
+//! Output of a filter on a line, and its errors.
 
 use crate::earth::geodesy::EarthModel;
 use crate::navigation::ins_error::ParameterError;
@@ -6,7 +6,7 @@ use crate::navigation::ins_series::{InsSeries, SeriesError};
 use crate::navigation::pinson::{ALT, LAT, LON, StateMatrix, StateVector, VD, VE, VN};
 use thiserror::Error;
 
-/// How the samples of a line were used; the first four add up to the number of samples.
+/// Use of the samples of a line. The first four counts add up to the number of samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct NavigationReport {
     /// Samples whose measurement was used.
@@ -15,7 +15,7 @@ pub struct NavigationReport {
     pub missing_measurements: usize,
     /// Samples whose predicted position is off the map or in an unknown cell.
     pub off_map: usize,
-    /// Samples that the innovation gate left out.
+    /// Number of samples that the innovation gate rejected.
     pub gated: usize,
     /// The offset that was subtracted from every measurement, in nT.
     pub offset_nt: f64,
@@ -48,13 +48,13 @@ pub struct NavigationOutput {
     pub ve_mps: Vec<f64>,
     /// Estimated velocity down, in m/s.
     pub vd_mps: Vec<f64>,
-    /// One sigma north, in m.
+    /// Standard deviation of the position north, in m.
     pub sd_n_m: Vec<f64>,
-    /// One sigma east, in m.
+    /// Standard deviation of the position east, in m.
     pub sd_e_m: Vec<f64>,
     /// Covariance of north with east, in m².
     pub cov_ne_m2: Vec<f64>,
-    /// How the samples were used.
+    /// Use of the samples.
     pub report: NavigationReport,
     keep_states: bool,
     keep_covariance: bool,
@@ -132,7 +132,7 @@ impl Innovation {
     pub const NONE: Self = Self { residual_nt: f64::NAN, nis: f64::NAN };
 }
 
-/// Why a line was not filtered. Rows are counted from 0.
+/// Reason why a line was not filtered. Rows are counted from 0.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum NavigationError {
     /// A parameter is out of range.
@@ -144,7 +144,7 @@ pub enum NavigationError {
     /// State or covariance stopped being finite.
     #[error(
         "the filter diverged at row {row} (tt = {tt_s} s): its covariance is no longer finite and \
-         non-negative; look at the INS columns and the time steps before it"
+         non-negative; check the INS columns and the time steps before this row"
     )]
     Diverged {
         /// The row.

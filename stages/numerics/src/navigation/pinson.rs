@@ -1,9 +1,9 @@
 //! The Pinson error model of an inertial navigation system, with the states that aid it.
 //!
-//! State order, that of thesis 000 (5.14): errors of latitude, longitude (rad) and altitude (m);
+//! State order, that of Gnadt 2022 (5.14): errors of latitude, longitude (rad) and altitude (m);
 //! of velocity north, east, down (m/s); tilts north, east, down (rad); accelerometer biases x, y, z
 //! (m/s²); gyroscope biases x, y, z (rad/s); barometer-aided altitude (m) and vertical acceleration
-//! (m/s²); temporal variation S (nT). An error is truth minus INS. The earth is the thesis' sphere
+//! (m/s²); temporal variation S (nT). An error is truth minus INS. The earth is Gnadt 2022's sphere
 //! of radius 6378137 m and gravity does not change with height.
 
 use crate::earth::attitude::body_to_ned;
@@ -94,18 +94,18 @@ impl TimeConstants {
     }
 }
 
-/// Which matrix.
+/// Form of the matrix F.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum PinsonForm {
-    /// Thesis 000 (5.16) to (5.32).
+    /// Gnadt 2022, (5.16) to (5.32).
     #[default]
     Thesis,
-    /// As MagNav.jl up to 1.3.3 and its MATLAB reference data, where the effect of altitude on the
-    /// north tilt reads -ve²/R² instead of -ve/R². For comparing figures with that program.
+    /// Form of MagNav.jl up to 1.3.3 and its MATLAB reference data, where the effect of altitude on the
+    /// north tilt reads -ve²/R² instead of -ve/R². For comparison with that program.
     Compatible,
 }
 
-/// The matrix F of dx/dt = F x at a point of the flight. [thesis 000 (5.15)-(5.32)]
+/// The matrix F of dx/dt = F x at a point of the flight. [Gnadt 2022, (5.15)-(5.32)]
 #[inline(always)]
 pub fn pinson_matrix(ins: &InsPoint, times: &TimeConstants, form: PinsonForm) -> StateMatrix {
     let mut f = [[0.0; STATES]; STATES];

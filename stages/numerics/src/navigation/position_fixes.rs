@@ -1,4 +1,4 @@
-//! Positions from elsewhere, such as a GNSS receiver or a barometer, that aid a filter.
+//! Aiding positions, such as a GNSS receiver or a barometer, that aid a filter.
 
 use params::Rule;
 
@@ -8,8 +8,8 @@ use crate::navigation::ins_series::{InsSeries, SeriesError};
 use crate::navigation::output::NavigationError;
 use crate::navigation::pinson::{ALT, LAT, LON};
 
-/// Positions at the samples of a line; NaN where there is none. Each coordinate is a measurement by itself, with white
-/// noise, so that a barometer is a fix of the height alone.
+/// Positions at the samples of a line; NaN where there is none. Each coordinate is a separate measurement with white
+/// noise, so a barometer is a fix of the height alone.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PositionFixes {
     /// Geodetic latitude, in degrees.
@@ -37,7 +37,7 @@ pub(crate) struct StateFix {
 pub(crate) const NO_FIX: [Option<StateFix>; 3] = [None; 3];
 
 impl PositionFixes {
-    /// Refuses fixes that no filter can use.
+    /// Rejects fixes that no filter can use.
     ///
     /// # Errors
     /// Fails for standard deviations that are not finite and above 0, and for columns of another length than the line.

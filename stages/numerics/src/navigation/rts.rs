@@ -6,19 +6,20 @@
 //! J = x₀ᵀ P₀⁻¹ x₀/2 + Σ wₖᵀ Qₖ⁻¹ wₖ/2 + Σ ρ(rₖ),      wₖ = xₖ - Φₖ xₖ₋₁,      rₖ = (zₖ - h(xₖ))/σₖ
 //! ```
 //!
-//! with ρ(r) = r²/2, or a [robust loss](Loss). Gauss and Newton's iteration linearises the map along the whole last trajectory
-//! x̄ and solves the linear problem exactly, by a forward pass of the Kalman filter and a backward one: the iterated
-//! extended Kalman smoother [Bell 1994; Särkkä & Svensson 2023, chapter 13]. The first pass linearises the map where `iekf`
-//! does, at the most probable state after each measurement. A robust loss is a least-squares problem whose variances are
-//! σ²/w(r), with the weights w(r) = ρ'(r)/r of the last trajectory (iteratively reweighted least squares
-//! [Holland & Welsch 1977]), where in the first pass r is the innovation over its standard deviation. A first trajectory whose
-//! J is above 1 a measurement is compared with three others, without weights, with one linearisation, and with ten times the
-//! noise, and the lowest J is gone on from. A step from x̄ to the solution x̂ that would raise J is halved until it does not.
+//! with ρ(r) = r²/2, or a [robust loss](Loss). The Gauss-Newton iteration linearises the map along the whole last
+//! trajectory x̄ and solves the linear problem exactly, by a forward and a backward pass of the Kalman filter: the
+//! iterated extended Kalman smoother [Bell 1994; Särkkä & Svensson 2023, chapter 13]. The first pass linearises the map
+//! as `iekf` does, at the most probable state after each measurement. A robust loss is a least-squares problem with
+//! variances σ²/w(r) and the weights w(r) = ρ'(r)/r of the last trajectory (iteratively reweighted least squares
+//! [Holland & Welsch 1977]); in the first pass r is the innovation over its standard deviation. If J of the first
+//! trajectory exceeds 1 per measurement, three others are computed: without weights, with one linearisation, and with
+//! ten times the noise. The iteration continues from the lowest J. A step from x̄ to the solution x̂ that would raise J
+//! is halved until it does not.
 //!
 //! # The backward pass
 //!
-//! It is Bryson and Frazier's, modified [Bierman 1973]: with the innovation ν of a measurement, its variance s and its gain
-//! K, the adjoint state λ and its matrix Λ go back from 0 behind the last sample,
+//! It is Bryson and Frazier's, modified [Bierman 1973]: with the innovation ν of a measurement, its variance s and its
+//! gain K, the adjoint state λ and its matrix Λ go back from 0 behind the last sample,
 //!
 //! ```text
 //! u = ν/s + Kᵀ λ,     λ ← λ - Hᵀ u,     Λ ← (I - K H)ᵀ Λ (I - K H) + Hᵀ H/s       through a measurement
@@ -26,16 +27,16 @@
 //! x̂ = x - P λ,        P̂ = P - P Λ P                                               from the filtered x and P
 //! ```
 //!
-//! Neither Q nor a predicted covariance is inverted, so states without process noise or initial uncertainty, and units of
-//! 1e-17 rad² beside 1 m², do no harm. It also hands out J. Its first two terms are half a quadratic form of the trajectory,
-//! whose process noise is -Qₖ λₖ with the λ before the measurement of k, and x₀ = -P₀ λ₀. So the products of the solution
-//! with itself and with any trajectory are sums over the measurements, ⟨x̂, x̂⟩ = Σ uₖ Hₖ x̂ₖ and ⟨x̄, x̂⟩ = Σ uₖ Hₖ x̄ₖ, by the
-//! recursion of λ alone, and J along a step costs a map value a sample.
+//! Neither Q nor a predicted covariance is inverted, so states without process noise or initial uncertainty, and units
+//! of 1e-17 rad² together with 1 m², do no harm. The pass also gives J. Its first two terms are half a quadratic form
+//! of the trajectory, whose process noise is -Qₖ λₖ with the λ before the measurement of k, and x₀ = -P₀ λ₀. The
+//! products of the solution with itself and with any trajectory are therefore sums over the measurements, ⟨x̂, x̂⟩ = Σ
+//! uₖ Hₖ x̂ₖ and ⟨x̄, x̂⟩ = Σ uₖ Hₖ x̄ₖ, by the recursion of λ alone. J along a step takes one map value per sample.
 //!
 //! # Memory
 //!
-//! The forward pass keeps its state every 64 samples, and the backward pass computes the 64 between two of them again: a
-//! sample costs about 0.8 kB, a line of 100,000 samples 80 MB, where all covariances take 260 MB.
+//! The forward pass stores its state every 64 samples, and the backward pass recomputes the 64 samples in between. A
+//! sample takes about 0.8 kB and a line of 100,000 samples 80 MB; storing all covariances would take 260 MB.
 //!
 //! # Irregularities
 //!
@@ -68,9 +69,9 @@ use pass::{About, Pass, Solution, Start};
 
 /// The most halvings of a step.
 const MOST_HALVINGS: u32 = 10;
-/// First passes. A start with the weights of its innovations is upset by an initial error too large for the map, one without
-/// by outliers; iterations of single measurements find what is near, one linearisation now and then another slope; and with
-/// ten times the noise the line decides, not its first measurements.
+/// First passes. A start with the weights of its innovations is upset by an initial error too large for the map, one
+/// without by outliers; iterations of single measurements find what is near, one linearisation now and then another
+/// slope; and with ten times the noise the line decides, not its first measurements.
 const STARTS: [Start; 4] = [
     Start { iterations: 5, robust: true, sigma_factor: 1.0 },
     Start { iterations: 5, robust: false, sigma_factor: 1.0 },
@@ -93,11 +94,12 @@ pub struct SmootherParameters {
     pub tolerance_m: f64,
     /// The loss of a residual.
     pub loss: Loss,
-    /// Where a robust loss leaves the square, in sigmas; `None` is the scale of [`Loss::usual_scale`].
+    /// Residual above which a robust loss departs from the square, in standard deviations; `None` is
+    /// [`Loss::usual_scale`].
     pub loss_scale: Option<f64>,
-    /// Hand out the error states of every sample.
+    /// Returns the error states of every sample.
     pub keep_states: bool,
-    /// Hand out the covariance of every sample (2.6 kB each).
+    /// Returns the covariance of every sample (2.6 kB each).
     pub keep_covariance: bool,
 }
 
@@ -115,7 +117,7 @@ impl Default for SmootherParameters {
 }
 
 impl SmootherParameters {
-    /// Refuses parameters that make no smoother.
+    /// Rejects invalid parameters.
     ///
     /// # Errors
     /// Fails for no iteration, and for a tolerance or scale that is not a finite number above 0.
@@ -126,39 +128,39 @@ impl SmootherParameters {
     }
 }
 
-/// How the iteration went.
+/// Report on the iteration.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SmootherReport {
     /// Passes over the line, forward and backward.
     pub passes: usize,
     /// Steps that were halved.
     pub halved: usize,
-    /// Whether the last whole step was below the tolerance; or it was below half a standard deviation of every state, and
-    /// did not lower J, and what halvings of it did is less than 0.01. The second is how it often ends on a bilinear map:
-    /// its slope jumps between the nodes, and J has an edge at the minimum.
+    /// Whether the last whole step was below the tolerance; or it was below half a standard deviation of every state,
+    /// and did not lower J, and what halvings of it did is less than 0.01. The second is how it often ends on a
+    /// bilinear map: its slope jumps between the nodes, and J has an edge at the minimum.
     pub converged: bool,
-    /// How far the last whole step moves a position of the line at the most, in m; infinite after a single pass, which has
-    /// no step. Without convergence, an estimate of how far the trajectory is from the most probable.
+    /// Largest change of a position of the line in the last full step, in m; infinite after a single pass, which has no
+    /// step. Without convergence, an estimate of the distance of the trajectory from the most probable one.
     pub last_step_m: f64,
-    /// The last whole step in standard deviations: no state of the line, and no combination of states, moves by more of its
-    /// own. The root of twice the fall of J that the linear problem promises (the Newton decrement); infinite after a
-    /// single pass.
+    /// Last full step in standard deviations: no state of the line, and no combination of states, changes by more than
+    /// this number of its own standard deviations. It is the square root of twice the decrease of J predicted by the
+    /// linear problem (the Newton decrement); infinite after a single pass.
     pub last_step_sigmas: f64,
-    /// J of the trajectory handed out, over the measurements that have a map value there.
+    /// J of the returned trajectory, over the measurements with a map value there.
     pub cost: f64,
 }
 
 /// The smoothed line.
 ///
 /// `residual_nt` and `nis` are the innovations of the last forward pass, whose map is linearised along the smoothed
-/// trajectory: measurement minus the field that is predicted from the past alone, over its variance with the
-/// σ of the measurement, not that of the reweighting. So they keep their law, the mean of `nis` is 1, and an outlier shows.
-/// The covariances are those of the last linearisation.
+/// trajectory: measurement minus the field that is predicted from the past alone, over its variance with the σ of the
+/// measurement, not that of the reweighting. So they keep their law, the mean of `nis` is 1, and an outlier shows. The
+/// covariances are those of the last linearisation.
 #[derive(Clone, Debug, Default)]
 pub struct SmootherOutput {
     /// The line.
     pub line: NavigationOutput,
-    /// How the iteration went.
+    /// Report on the iteration.
     pub iterations: SmootherReport,
 }
 
@@ -198,7 +200,7 @@ struct Step {
     fall: f64,
 }
 
-/// What a step is judged by.
+/// Criterion for a step.
 struct Candidate {
     trajectory: Trajectory,
     /// J of the candidate minus J of the trajectory before, over the measurements that both have a map value for.
@@ -302,7 +304,8 @@ impl<'a> Smoother<'a> {
         None
     }
 
-    /// The trajectory a part of the way to a solution. That to the first solution has nothing to start from and is whole.
+    /// The trajectory a part of the way to a solution. That to the first solution has nothing to start from and is
+    /// whole.
     fn candidate(&mut self, solution: &Solution, part: f64) -> Candidate {
         let (rest, rows) = (1.0 - part, solution.x.len());
         let motion = rest * rest * self.at.motion

@@ -7,10 +7,10 @@ use crate::navigation::sensitivity::{MEASURED, Sensitivity, measured_states};
 /// The most halvings of a step.
 const MOST_HALVINGS: u32 = 10;
 
-/// How the most probable state is looked for.
+/// Parameters of the search for the most probable state.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Search {
-    /// The most linearisations, at least 1; with one the step is taken whole, whatever it does.
+    /// Maximum number of linearisations, at least 1. With one, the full step is taken unconditionally.
     pub(crate) iterations: usize,
     /// A step that moves the position by less than this is the last.
     pub(crate) tolerance_m: f64,
@@ -57,8 +57,8 @@ impl ScalarProblem {
         Self { x: measured_states(&estimate.x), p, value_nt, variance_nt2 }
     }
 
-    /// Of these measured states and their covariance: latitude, longitude, height, and what the measurement holds beside the
-    /// field.
+    /// Problem of these measured states and their covariance: latitude, longitude, height, and the part of the
+    /// measurement that does not come from the field.
     pub(crate) fn new(x: [f64; 4], p: [[f64; 4]; 4], value_nt: f64, variance_nt2: f64) -> Self {
         Self { x, p, value_nt, variance_nt2 }
     }
@@ -134,7 +134,7 @@ impl ScalarProblem {
         h.0.map(|h| h * factor)
     }
 
-    /// How far the position of one v is from that of another, in m.
+    /// Distance between the positions of two v, in m.
     #[inline(always)]
     fn moved_m(&self, from: &[f64; 4], to: &[f64; 4], (north, east): (f64, f64)) -> f64 {
         let step = self.moved(&std::array::from_fn(|state| to[state] - from[state]));

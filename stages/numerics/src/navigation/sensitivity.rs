@@ -11,7 +11,7 @@ use crate::navigation::pinson::{ALT, LAT, LON, S, STATES, StateMatrix, StateVect
 pub(crate) const MEASURED: [usize; 4] = [LAT, LON, ALT, S];
 
 /// The entries of the row H of a measurement for latitude, longitude (nT/rad), height (nT/m) and the temporal variation
-/// (1); the others are 0. [thesis 000 (5.37), with the 1 of S that is missing in print]
+/// (1); the others are 0. [Gnadt 2022, (5.37), with the 1 of S that is missing in print]
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Sensitivity(pub(crate) [f64; 4]);
 

@@ -2,77 +2,78 @@
 //!
 //! | Module | Contents |
 //! |:--|:--|
-//! | [`parameters`] | what the filter is told |
+//! | [`parameters`] | parameters of the filter |
 //! | [`samples`] | the measurements of a line, one a step, in a local frame |
 //! | [`particles`] | time update, weights, resampling |
-//! | [`fixes`] | positions from elsewhere, such as GNSS |
+//! | [`fixes`] | aiding positions, such as GNSS |
 //! | [`resolution`] | the kernel of a resampling, and the variance that resampling loses |
 //! | [`history`] | the paths of all particles, which share their past |
 //! | [`index`] | where earlier samples are |
 //! | [`kernel`] | the Gaussian process and what it predicts from a few samples |
 //! | [`expected`] | what each particle expects to measure |
 //! | [`fit`] | hyper-parameters by maximum likelihood |
-//! | [`output`] | what the filter makes of a line |
+//! | [`output`] | output of the filter on a line |
 //! | [`smoother`] | the most probable track of the whole flight, from the filter's |
 //! | [`chart`] | the map that a flight leaves behind |
 //!
 //! # Equations
 //!
-//! Each particle carries the errors of latitude and longitude; the other 16 states of
+//! Each particle carries the errors of latitude and longitude. The other 16 states of
 //! [`pinson`](crate::navigation::pinson) are linear and Gaussian given its path, with one covariance P for all
-//! particles. Nothing measures them: what they learn, they learn from the particle's own moves. With C = Φ P Φᵀ + Q and F
-//! the first two columns of its Cholesky factor, a step draws w ~ N(0, I) for each particle [thesis 001, (27)-(29)]
+//! particles. They are not measured directly; the particle's own moves update them. With C = Φ P Φᵀ + Q and F the first
+//! two columns of its Cholesky factor, a step draws w ~ N(0, I) for each particle [Lee 2019, (27)-(29)]
 //!
 //! ```text
 //! x ← Φ x + F w,      P ← C − F Fᵀ
 //! ```
 //!
-//! The nine states of thesis 001 (30) are these with the sources of the biases, of the barometer and of S set to zero; its
-//! fifteen (67) with those of the barometer and of S. (The aiding by the barometer, K1 to K3, stays: it holds the height,
-//! which would diverge without.)
+//! The nine states of Lee 2019 (30) are these with the sources of the biases, of the barometer and of S set to zero;
+//! its fifteen (67) with those of the barometer and of S. (The aiding by the barometer, K1 to K3, remains, because the
+//! height would diverge without it.)
 //!
-//! A particle's own path with the shared measurements is its map. At each step the measurement z is weighted by what
-//! the earlier ones let the particle expect,
+//! The map of a particle is its own path with the common measurements. At each step the weight is the likelihood of the
+//! measurement z given the earlier ones,
 //!
 //! ```text
 //! z(x, t) = μ + m(x) + S(t) + e,      m ~ GP(0, k(|x − x'|)),      S ~ GP(0, σ_S² exp(−|t − t'|/τ))
 //! log q ← log q − ((z − ẑ)²/V + log V)/2
 //! ```
 //!
-//! with the covariance k of [`Covariance`], and ẑ and V the mean and variance given the 12 nearest earlier samples of its path and the 4 last ones. The product of
-//! these weights is Vecchia's approximation of the likelihood of the path, p(z₁…z_n | path). Three things follow that
-//! multiplying independent weights at crossings [thesis 001, (76)] does not have: the errors of the map that two
-//! neighbouring measurements share are counted once, because the last measurements are conditioned on; the temporal
-//! variation between two visits is part of the covariance; and a particle that does not revisit has a likelihood as well,
-//! that of new ground, and needs no list of active particles.
+//! with the covariance k of [`Covariance`], and the mean ẑ and variance V given the 12 nearest earlier samples of its
+//! path and the 4 most recent ones. The product of these weights is Vecchia's approximation of the likelihood of the
+//! path, p(z₁…z_n | path). It has three advantages over independent weights at crossings [Lee 2019, (76)]. Map errors
+//! that two neighbouring measurements share are counted once, because the most recent measurements are conditioned on.
+//! The temporal variation between two visits is part of the covariance. A particle without a revisit also has a
+//! likelihood, that of new ground, so no list of active particles is needed.
 //!
 //! # Cost
 //!
-//! A particle's prediction is the elimination of a matrix of 17 rows, however long the flight: candidates come from an index
-//! whose cells are full after a few visits. No path is copied: particles share their past in a tree, which costs 8
-//! bytes a particle and sample until the first resampling and much less after it ([`history`]). A reduced-rank map (a basis
-//! of the region) for each particle would have to be copied with the particle, and be as large as the region.
+//! A particle's prediction is the elimination of a matrix of 17 rows, for any length of the flight: candidates come
+//! from an index whose cells are full after a few visits. No path is copied: particles share their past in a tree,
+//! which takes 8 bytes per particle and sample until the first resampling and much less after it ([`history`]). A
+//! reduced-rank map (a basis of the region) for each particle would have to be copied with the particle and be as large
+//! as the region.
 //!
-//! # What it cannot know
+//! # Limits
 //!
-//! Only the position relative to the earlier path is observed, so that the error of the first lap stays, unless
-//! positions from elsewhere ([`fixes`]) say where that lap was. On straight lines without a revisit the answer is that
-//! of the INS. Particles must be dense enough to hit a revisit: with 1000 of them the drift between visits may be some
-//! hundreds of metres; after kilometres of drift no particle is near the truth, the standard deviations handed out are
-//! too small, and false revisits lead the track away. Innovations do not show that.
-//! [`SlamReport::largest_correction`], the largest squared correction over the covariance of the INS alone (chi-square of
-//! 2 degrees), shows it where it is above [`IMPLAUSIBLE`]; a small one proves nothing for an INS that may err by anything.
+//! Only the position relative to the earlier path is observed. The error of the first lap therefore remains, unless
+//! aiding positions ([`fixes`]) locate that lap. On straight lines without a revisit the track is that of the INS.
+//! Particles must be dense enough to hit a revisit. With 1000 of them the drift between visits may be some hundreds of
+//! metres. After kilometres of drift no particle is near the truth, the standard deviations are too small, and false
+//! revisits lead the track away. The innovations do not reveal this. [`SlamReport::largest_correction`], the largest
+//! squared correction over the covariance of the INS alone (chi-square of 2 degrees of freedom), reveals it if it is
+//! above [`IMPLAUSIBLE`]. A small value proves nothing for an INS of unlimited error.
 //!
-//! Survivors of many resamplings share their early path, and with it the error that this path keeps, of which the particles
-//! themselves show nothing [Bailey, Nieto & Nebot 2006]. Two things keep the covariance from going to 0 with them. A
-//! resampling draws from a kernel density of the particles ([`Particles::regularise`]), so that they never become copies.
-//! And what a resampling takes from the covariance is added to the one handed out ([`resolution::Lost`]). Where the particles
-//! follow a false revisit, neither helps.
+//! Survivors of many resamplings share their early path and its error, which the particles do not show [Bailey, Nieto &
+//! Nebot 2006]. Two measures keep the covariance from going to 0. A resampling draws from a kernel density of the
+//! particles ([`Particles::regularise`]), so they never become copies. The covariance that a resampling removes is
+//! added to the returned one ([`resolution::Lost`]). Neither helps where the particles follow a false revisit.
 //!
-//! The field has to tell places apart: along a track the position is known to about the noise (sensor, temporal variation,
-//! what the kernel leaves) over the gradient. With 0.25 nT/m a tactical INS is held to some tens of metres, with 0.03
-//! nT/m to one or two hundred. Where the field is not stationary, a white part of the kernel that is too small makes the filter
-//! overconfident; the fit looks at neighbours some distance apart, so that it counts roughness as white.
+//! The field must distinguish places: along a track the position error is about the noise (sensor, temporal variation,
+//! residual of the kernel) over the gradient. With 0.25 nT/m the error of a tactical INS is limited to some tens of
+//! metres, with 0.03 nT/m to one or two hundred. Where the field is not stationary and the white part of the kernel is
+//! too small, the filter is overconfident. The fit uses neighbours some distance apart, so it counts roughness as
+//! white.
 
 pub mod chart;
 pub mod expected;
@@ -130,11 +131,11 @@ pub fn run(parameters: &SlamParameters, line: &SlamLine<'_>) -> Result<SlamOutpu
 /// A [`SlamReport::largest_correction`] beyond which a track is not plausible: one in a million is above it.
 pub const IMPLAUSIBLE: f64 = 27.6;
 
-/// The weight of the particles that have to revisit before all are weighted: a single stray particle would otherwise win
-/// by any measurement that surprises the others.
+/// The weight of the particles that have to revisit before all are weighted: a single stray particle would otherwise
+/// win by any measurement that surprises the others.
 const FEWEST_REVISITING: f64 = 0.01;
 
-/// The numbers of the resamplings by positions from elsewhere, which are of rows, begin beyond those of steps.
+/// The numbers of the resamplings by aiding positions, which are of rows, begin beyond those of steps.
 const AIDED: u64 = 1 << 40;
 
 /// A filter on its way along a line.
@@ -146,17 +147,17 @@ struct Filter<'a> {
     samples: Vec<Option<Sample>>,
     particles: Particles,
     map: Map,
-    /// What resampling has taken from the covariance.
+    /// Variance that resampling has removed from the covariance.
     lost: Lost,
     /// Displacement of each particle at the mean time of the step's measurements, in m.
     now_m: Vec<[f64; 2]>,
     moments: Moments,
-    /// Those of the Kalman filter, with positions from elsewhere and until the field is weighed again: without the error
+    /// Those of the Kalman filter, with aiding positions and until the field is weighed again: without the error
     /// that a finite number of draws makes.
     exact: Option<Moments>,
     /// The covariance of the INS alone.
     alone: StateMatrix,
-    /// Which of the map's samples the gate has left out.
+    /// Samples of the map that the gate has rejected.
     gated: Vec<bool>,
     out: SlamOutput,
 }
@@ -278,7 +279,7 @@ impl<'a> Filter<'a> {
         self.out.report.resamplings += 1;
     }
 
-    /// Uses the positions from elsewhere of a row, before the positions of a step are drawn; see [`fixes`].
+    /// Uses the aiding positions of a row, before the positions of a step are drawn; see [`fixes`].
     fn aid(&mut self, row: usize) {
         let at = |fixes: &PositionFixes| fixes.at(self.line.ins, row, self.line.errors.earth);
         let fixes = self.line.fixes.map_or(NO_FIX, at);
@@ -491,7 +492,7 @@ fn innovation(predictions: &[Prediction], weights: &[f64]) -> Innovation {
 }
 
 /// The logarithms of the weights' factors. A particle without a prediction has the mean factor of those with one.
-/// [thesis 001, algorithm 3, line 5]
+/// [Lee 2019, algorithm 3, line 5]
 fn log_likelihoods(predictions: &[Prediction], method: ExpectedMeasurement) -> Vec<f64> {
     let of = |prediction: &Prediction| match method {
         ExpectedMeasurement::NearestNeighbour => prediction.log_likelihood(),

@@ -219,7 +219,7 @@ mod tests {
         let message = |r: Result<Triple, SeriesError>| r.unwrap_err().to_string();
         assert_eq!(
             message(velocity_ned_mps(&[0.0, 1.0], &[1.0, f64::NAN], &[0.0; 2], &[0.0; 2])),
-            "column `lat` is NaN in row 1; the filter needs a finite value in every row"
+            "column `lat` is NaN in row 1; the filter requires a finite value in every row"
         );
         assert_eq!(
             message(velocity_ned_mps(&[0.0, 0.0], &[1.0; 2], &[0.0; 2], &[0.0; 2])),

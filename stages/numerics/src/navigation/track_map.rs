@@ -64,7 +64,7 @@ pub struct TrackSample {
     pub tt_s: f64,
     /// The anomaly, in nT.
     pub value_nt: f64,
-    /// The variance of its white noise, beside that of the kernel, in nT².
+    /// Variance of its white noise, in addition to that of the kernel, in nT².
     pub variance_nt2: f64,
     /// Variances of the position east and north and their covariance, in m².
     pub position_m2: [f64; 3],
@@ -74,7 +74,7 @@ pub struct TrackSample {
     pub line: usize,
 }
 
-/// What the map is made by.
+/// Parameters of the map.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrackMapParameters {
     /// The Gaussian process of the anomaly; where it is fitted, where the search starts.
@@ -89,38 +89,38 @@ pub struct TrackMapParameters {
     pub most_functions: usize,
 }
 
-/// Why there is no map.
+/// Reason why there is no map.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum TrackMapError {
     /// No measurement.
-    #[error("there is no measurement with a position")]
+    #[error("no measurement has a position")]
     Nothing,
-    /// A kernel that is none.
+    /// An invalid kernel.
     #[error(transparent)]
     Parameter(#[from] ParameterError),
-    /// The basis would lack too much.
+    /// The basis would omit too much of the variance.
     #[error(
-        "an area of {east_m:.0} by {north_m:.0} m is too large for fields of a length of {length_m:.0} m: \
-         {functions} functions lack {lacking:.3} of its variance"
+        "the area of {east_m:.0} by {north_m:.0} m is too large for a field of length {length_m:.0} m: \
+         {functions} functions omit the fraction {lacking:.3} of its variance"
     )]
     TooLarge {
-        /// East to west, in m.
+        /// Extent from west to east, in m.
         east_m: f64,
-        /// North to south, in m.
+        /// Extent from south to north, in m.
         north_m: f64,
-        /// The length of the kernel, in m.
+        /// Length of the kernel, in m.
         length_m: f64,
-        /// The most functions.
+        /// Maximum number of functions.
         functions: usize,
-        /// The part of the variance that they lack.
+        /// Fraction of the variance that they omit.
         lacking: f64,
     },
     /// The normal equations have no solution in floating point.
-    #[error("the equations of the map cannot be solved: the noise is too small beside the anomaly")]
+    #[error("the equations of the map cannot be solved: the noise is too small compared with the anomaly")]
     Singular,
 }
 
-/// How the map was made.
+/// Report on the making of the map.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrackMapReport {
     /// The kernel that was used.
@@ -148,7 +148,7 @@ pub struct TrackMap {
     variance: Variance,
     nearest: NearestPoints,
     position_m2: Vec<[f64; 3]>,
-    /// How it was made.
+    /// Report.
     pub report: TrackMapReport,
 }
 
@@ -162,8 +162,8 @@ pub struct Node {
 }
 
 impl TrackMap {
-    /// Of measurements that are all finite, those of a line behind each other in time order. The same bits come out on any
-    /// number of threads.
+    /// Map of finite measurements. The samples of a line are contiguous and in time order. The same bits on any number
+    /// of threads.
     ///
     /// # Errors
     /// See [`TrackMapError`].
@@ -329,7 +329,7 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
-/// What an error of the position makes of a slope, in nT².
+/// Variance of a slope times a position error, in nT².
 fn moved([east, north]: [f64; 2], [ee, nn, en]: [f64; 3]) -> f64 {
     (east * east * ee + north * north * nn + 2.0 * east * north * en).max(0.0)
 }
@@ -383,7 +383,7 @@ fn misfit(basis: &Basis, solution: &Solution, rows: &[Row]) -> f64 {
     (squares.iter().sum::<f64>() / rows.len() as f64).sqrt()
 }
 
-/// The unknowns beside the basis: the level, the constants of lines and the temporal variation of flights.
+/// Unknowns besides the basis: the level, the constants of lines and the temporal variation of flights.
 struct Beside {
     columns: usize,
     level_nt2: f64,

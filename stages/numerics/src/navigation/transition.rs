@@ -12,11 +12,11 @@ use crate::navigation::pinson::{
 };
 
 choice! {
-    /// How the white driving noise becomes the covariance that a step adds.
+    /// Discretisation of the white driving noise over a step.
     #[derive(Default)]
     pub enum NoiseDiscretisation {
-        /// Half of q Δt before the step and half after it: second order, positive semidefinite as it
-        /// stands, at no cost. At 1 s steps the filter's NEES is that of Van Loan's to five digits.
+        /// Half of q Δt before the step and half after it: second order and positive semidefinite, at no cost. At 1 s
+        /// steps the filter's NEES is that of Van Loan's to five digits.
         #[default]
         Trapezoidal = "trapezoidal",
         /// q Δt added after the step (MagNav.jl): first order.

@@ -65,17 +65,17 @@ pub(crate) const NONLINEAR: usize = 3;
 pub struct UkfParameters {
     /// α of the scaled unscented transform: scales the distance of the points, above 0.
     pub alpha: f64,
-    /// β of the scaled unscented transform: what the centre weighs more in the variance than in the mean; at least
-    /// −α² κ/3.
+    /// β of the scaled unscented transform: additional weight of the centre in the variance, compared with the mean; at
+    /// least −α² κ/3.
     pub beta: f64,
     /// κ of the unscented transform: the points are at α √(3 + κ) standard deviations; above −3.
     pub kappa: f64,
-    /// A measurement whose squared residual over its variance is above this is left out and
-    /// counted; `None` uses every one. 10.83 leaves out one good measurement in a thousand.
+    /// Largest NIS of a measurement; larger ones are rejected and counted. `None` uses every measurement. 10.83 rejects
+    /// one good measurement in a thousand.
     pub gate_nis: Option<f64>,
-    /// Hand out the error states of every sample (144 bytes each).
+    /// Returns the error states of every sample (144 bytes each).
     pub keep_states: bool,
-    /// Hand out the covariance of every sample (2.6 kB each).
+    /// Returns the covariance of every sample (2.6 kB each).
     pub keep_covariance: bool,
 }
 
@@ -86,7 +86,7 @@ impl Default for UkfParameters {
 }
 
 impl UkfParameters {
-    /// Refuses parameters that make no filter.
+    /// Rejects invalid parameters.
     ///
     /// # Errors
     /// Fails for an α or a gate that is not a finite number above 0, a κ that is not one above −3, and a β below −α²
@@ -114,7 +114,7 @@ fn refused(name: &str, what: String) -> ParameterError {
     ParameterError(Fault::new(format!("`{name}` {what}")).of_param(name))
 }
 
-/// What the filter makes of a line.
+/// Output of the filter on a line.
 #[derive(Clone, Debug, Default)]
 pub struct UkfOutput {
     /// The estimate.
@@ -235,7 +235,7 @@ struct Place {
 }
 
 impl Place {
-    /// The map at so many rad, rad and m away; `None` off the map or in an unknown cell.
+    /// Map value at an offset in rad, rad and m; `None` off the map or in an unknown cell.
     #[inline(always)]
     fn field(&self, map: &FieldMap, away: [f64; 3]) -> Option<FieldValue> {
         let (lat_deg, lon_deg) = (self.lat_deg + away[0].to_degrees(), self.lon_deg + away[1].to_degrees());

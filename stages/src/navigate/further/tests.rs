@@ -6,7 +6,7 @@ const FILTERS: [&str; 3] = ["ekf", "iekf", "ukf"];
 const GRADIENT: &str = "map_interpolation = 'cubic'\ngradient = ['mag_1_c', 'mag_2_c']\n\
                         gradient_baseline_m = [15.0, 0.0, 0.0]\ngradient_sigma_nt = 0.03\ngradient_bias_sigma_nt = 0.1\n";
 
-/// What both magnetometers measure beside the field, in nT.
+/// Common error of both magnetometers, in nT.
 fn storm_nt(row: usize) -> f64 {
     120.0 * (row as f64 / 30.0).sin()
 }
@@ -107,31 +107,28 @@ fn law_a_height_is_held() {
 fn unit_what_cannot_be_measured_is_refused_before_the_run() {
     let refused = |keys: &str, words: &str| assert_refused("ekf", &format!("mag = 'mag_1_c'\n{keys}"), words);
     let cubic = "map_interpolation = 'cubic'\ngradient_baseline_m = [9.0, 0.0, 0.0]\n";
-    refused(
-        "gradient = ['mag_1_c', 'mag_2_c']\ngradient_baseline_m = [9.0, 0.0, 0.0]",
-        "steps where the map is bilinear",
-    );
+    refused("gradient = ['mag_1_c', 'mag_2_c']\ngradient_baseline_m = [9.0, 0.0, 0.0]", "steps in a bilinear map");
     refused("map_interpolation = 'cubic'\ngradient = ['mag_1_c', 'mag_2_c']", "`gradient_baseline_m`");
     refused(&format!("{cubic}gradient = ['mag_1_c', 'mag_7_c']"), "mag_7_c");
     refused(&format!("{cubic}gradient = ['mag_1_c', 'mag_1_c']"), "duplicate");
     refused(&format!("{cubic}gradient = ['mag_1_c', 'ins_alt']"), "ins_alt");
     let flat = cubic.replace("9.0", "0.0");
-    refused(&format!("{flat}gradient = ['mag_1_c', 'mag_2_c']"), "no length");
-    refused("use_scalar = false", "nothing of the map is measured");
-    refused("gradient_sigma_nt = 0.2", "no say without `gradient`");
-    refused("height_sigma_m = 2.0", "no say without `height`");
-    refused("map_sigma_length_m = 2.0", "no say without `map_sigma_nt`");
-    refused("vector_bias_tau_s = 2.0", "no say without `vector_sigma_nt`");
+    refused(&format!("{flat}gradient = ['mag_1_c', 'mag_2_c']"), "length 0");
+    refused("use_scalar = false", "no measurement depends on the map");
+    refused("gradient_sigma_nt = 0.2", "no effect without `gradient`");
+    refused("height_sigma_m = 2.0", "no effect without `height`");
+    refused("map_sigma_length_m = 2.0", "no effect without `map_sigma_nt`");
+    refused("vector_bias_tau_s = 2.0", "no effect without `vector_sigma_nt`");
     refused("vector_sigma_nt = 5.0", "`vector`");
-    refused("vector = 'flux_d'\nvector_sigma_nt = 5.0", "`core_field = false` is without");
+    refused("vector = 'flux_d'\nvector_sigma_nt = 5.0", "requires `core_field = true`");
     refused("height = 'mag_1_c'", "mag_1_c");
     refused("flat_over_m = 0.0", "flat_over_m");
     assert_refused("slam", "flat_over_m = 10.0", "belongs to");
-    assert_refused("mpf", "flat_over_m = 10.0", "none is too flat");
-    assert_refused("crlb", "flat_over_m = 10.0", "the bound knows the map");
+    assert_refused("mpf", "flat_over_m = 10.0", "not available");
+    assert_refused("crlb", "flat_over_m = 10.0", "no effect on the bound");
     for (filter, ..) in OTHERS.iter().filter(|(filter, ..)| !["rts", "crlb", "mpf"].contains(filter)) {
         let keys = format!("{GRADIENT}use_scalar = false");
-        assert_refused(filter, &keys, "without the scalar field there is nothing to find");
+        assert_refused(filter, &keys, "cannot be estimated");
     }
 }
 

@@ -1,4 +1,4 @@
-//! The same filter with further measurements beside the scalar field.
+//! The filter with further measurements besides the scalar field.
 
 use crate::navigation::aided::filter::{Filter, Outcome};
 use crate::navigation::aided::{AidedOutput, AidedParameters, Linearisation};
@@ -12,24 +12,25 @@ use super::noise::{Fusion, Learner};
 use super::window::Window;
 use super::{Adapt, Adapted, AdaptiveParameters, Magnetometer};
 
-/// What the filter makes of a line with further measurements.
+/// Output of the filter on a line with further measurements.
 #[derive(Clone, Debug, Default)]
 pub struct AidedAdaptiveOutput {
     /// The estimate; of the scalar field as that of [`AdaptiveOutput`](super::AdaptiveOutput).
     pub line: AidedOutput,
-    /// What was learnt of each magnetometer, in their order.
+    /// Estimated noise of each magnetometer, in their order.
     pub magnetometers: Vec<Adapted>,
     /// The share of a correction by the scalar field that is given back as process noise after each sample.
     pub given_back: Vec<f64>,
 }
 
-/// [`run`](super::run) with further measurements, whose noise is as told: that of the magnetometers alone is learnt.
+/// [`run`](super::run) with further measurements, whose noise is fixed. Only the noise of the magnetometers is
+/// estimated.
 ///
-/// H P Hᵀ of an innovation holds the map's error where that is a state, so that it is not learnt as white noise. A sample where the
-/// map is too flat is learnt from, and corrects the temporal variation and the map's error alone.
+/// H P Hᵀ of an innovation holds the map's error where that is a state, so that it is not learnt as white noise. A
+/// sample where the map is too flat is learnt from, and corrects the temporal variation and the map's error alone.
 ///
 /// # Errors
-/// As [`run`](super::run) and [`Aids::check`].
+/// Fails as [`run`](super::run) and [`Aids::check`].
 pub fn run_aided(
     parameters: &AdaptiveParameters,
     line: &NavigationLine<'_>,

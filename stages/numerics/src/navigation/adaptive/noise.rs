@@ -1,4 +1,4 @@
-//! What is learnt of the noise of one magnetometer, and the mean over magnetometers.
+//! Estimated noise of one magnetometer, and the mean over magnetometers.
 
 use crate::navigation::line::NavigationLine;
 
@@ -27,7 +27,7 @@ pub(super) struct Learner<'a> {
 /// An innovation that is to be learnt from after the correction.
 #[derive(Clone, Copy, Debug)]
 struct Open {
-    /// As far as the gate lets it count.
+    /// Innovation, if the gate accepts it.
     residual_nt: f64,
     noise_nt2: f64,
     unit: f64,
@@ -44,9 +44,9 @@ pub(super) struct Fusion {
 /// Sums over innovations.
 #[derive(Clone, Copy, Debug, Default)]
 struct Weighted {
-    /// Of 1/R, in 1/nT².
+    /// Sum of 1/R, in 1/nT².
     weight: f64,
-    /// Of the innovations times 1/R, in 1/nT.
+    /// Sum of the innovations times 1/R, in 1/nT.
     residual: f64,
 }
 

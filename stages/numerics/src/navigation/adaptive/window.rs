@@ -9,7 +9,7 @@ pub(super) struct Window {
     len: usize,
     /// The sum of the present round.
     round: f64,
-    /// Of the round before, the sum from each place on.
+    /// Sums of the previous round from each place to its end.
     before: Vec<f64>,
 }
 
@@ -19,12 +19,12 @@ impl Window {
         Self { numbers: vec![0.0; capacity], next: 0, len: 0, round: 0.0, before: vec![0.0; capacity + 1] }
     }
 
-    /// How many numbers there are.
+    /// Number of values.
     pub(super) fn len(&self) -> usize {
         self.len
     }
 
-    /// How many there can be.
+    /// Capacity.
     pub(super) fn capacity(&self) -> usize {
         self.numbers.len()
     }

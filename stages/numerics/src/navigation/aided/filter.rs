@@ -12,8 +12,8 @@ use crate::navigation::ukf::points::{Regression, Spread};
 
 use super::{AidedOutput, AidedParameters, Linearisation};
 
-/// A measurement that depends on the position by the field, and on some of the 18 states and one of the further ones by
-/// itself.
+/// A measurement that depends on the position through the field, and directly on some of the 18 states and one further
+/// state.
 #[derive(Clone, Copy)]
 struct OfField {
     value_nt: f64,
@@ -31,7 +31,7 @@ struct OfField {
 }
 
 impl OfField {
-    /// What the measurement holds beside the field.
+    /// Part of the measurement that does not come from the field.
     fn own(&self, v: &[f64]) -> f64 {
         let tilt: f64 = self.tilt.iter().zip(&v[TILT_N..]).map(|(h, x)| h * x).sum();
         let slope: f64 = self.of_slope().map(|(state, entry)| entry * v[state]).sum();
@@ -62,7 +62,7 @@ fn moved(from: [f64; 3], by: [f64; 3]) -> [f64; 3] {
     std::array::from_fn(|axis| from[axis] + by[axis])
 }
 
-/// What became of one measurement.
+/// Outcome of one measurement.
 #[derive(Clone, Copy)]
 pub(crate) enum Outcome {
     Missing,
@@ -80,7 +80,7 @@ impl Outcome {
         }
     }
 
-    /// What became of a sample by what became of its measurements, the scalar field first.
+    /// Outcome of a sample from the outcomes of its measurements, the scalar field first.
     pub(crate) fn usage(all: &[Self]) -> Usage {
         if all.iter().any(|one| matches!(one, Self::Used(_))) {
             Usage::Used
@@ -101,7 +101,7 @@ struct Regressed {
     row: StateVector,
     /// Measurement minus prediction at the predicted state.
     residual_nt: f64,
-    /// What is not linear, in nT².
+    /// Variance of the nonlinearity, in nT².
     remainder_nt2: f64,
 }
 
@@ -117,8 +117,8 @@ pub(crate) struct Filter<'a> {
     pub(crate) gain: Vec<f64>,
     pub(crate) spare: Vec<f64>,
     pub(crate) output: AidedOutput,
-    /// Whether the INS is the truth, and what is asked for is the covariance of an estimate about it: no measurement moves
-    /// the state, and an innovation is measurement minus truth, over the variance of its noise and of what lasts.
+    /// Whether the INS is the truth, and what is asked for is the covariance of an estimate about it: no measurement
+    /// moves the state, and an innovation is measurement minus truth, over the variance of its noise and of what lasts.
     bound: bool,
 }
 
@@ -152,7 +152,7 @@ impl<'a> Filter<'a> {
         Ok(self.output)
     }
 
-    /// The step to a row, and its positions from elsewhere.
+    /// The step to a row, and its aiding positions.
     pub(crate) fn advance(&mut self, row: usize) {
         if row > 0 {
             self.now.propagate(&self.layout, &self.line.step(row).into(), &mut self.spare);
@@ -167,7 +167,7 @@ impl<'a> Filter<'a> {
         }
     }
 
-    /// The further measurements of a row whose scalar field is done, and what is handed out of it.
+    /// Uses the further measurements of a row after its scalar field, and writes its output.
     pub(crate) fn finish(&mut self, row: usize, scalar: Outcome) -> Result<(), NavigationError> {
         let mut sample = SampleInnovations::default();
         let difference = self.difference(row);
@@ -220,7 +220,7 @@ impl<'a> Filter<'a> {
         Outcome::Used(innovation)
     }
 
-    /// The field at the predicted position of a row and its horizontal slope in nT/m, which is handed out.
+    /// Field at the predicted position of a row. Outputs its horizontal slope, in nT/m.
     pub(crate) fn look(&mut self, row: usize) -> Option<(FieldValue, f64)> {
         let at = moved(self.position(), self.delayed(row));
         let centre = self.field.at_error(self.line.ins, row, at);

@@ -1,4 +1,4 @@
-//! What a state predicts of the further measurements of a sample, and how that changes with the state.
+//! Predictions of the further measurements of a sample from a state, and their derivatives.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -402,7 +402,7 @@ impl Difference<'_> {
     }
 }
 
-/// What a state predicts of the vector.
+/// Prediction of the vector from a state.
 struct PredictedVector {
     /// Along nose, right and down, without the further states, in nT.
     body_nt: [f64; 3],

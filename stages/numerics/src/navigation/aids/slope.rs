@@ -7,15 +7,15 @@ use crate::navigation::ins_series::SeriesError;
 use crate::navigation::line::NavigationLine;
 use crate::navigation::output::NavigationError;
 
-/// The distance of a slope's error from a slope, in m, where a line is too flat to tell one.
+/// Ratio of the slope of a field to the slope's error, in m, for a line too flat to determine it.
 const FLAT_LENGTH_M: f64 = 1000.0;
 
 /// Standard deviations of the errors of a map's slope. The default is an exact map.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SlopeError<'a> {
-    /// One sigma of the error along any horizontal direction, in nT/m.
+    /// Standard deviation of the error along any horizontal direction, in nT/m.
     pub horizontal_nt_per_m: f64,
-    /// One sigma of the upward slope's error at each sample, in nT/m; empty for a map that has the slope.
+    /// Standard deviation of the upward slope's error at each sample, in nT/m; empty for a map that has the slope.
     pub upward_nt_per_m: &'a [f64],
     /// The distance along the track over which the correlation of both falls to 1/e, in m.
     pub length_m: f64,
@@ -27,12 +27,12 @@ impl SlopeError<'_> {
         self.horizontal_nt_per_m > 0.0 || !self.upward_nt_per_m.is_empty()
     }
 
-    /// One sigma of the upward slope's error at a sample, in nT/m.
+    /// Standard deviation of the upward slope's error at a sample, in nT/m.
     pub(crate) fn upward_at(&self, row: usize) -> f64 {
         self.upward_nt_per_m.get(row).copied().unwrap_or(0.0)
     }
 
-    /// Refuses errors that are none.
+    /// Rejects invalid errors.
     pub(crate) fn check(&self, rows: usize) -> Result<(), NavigationError> {
         let require = |name: &str, value: f64, rule: Rule| obeys(&value, name, rule).map_err(ParameterError);
         let found = self.upward_nt_per_m.len();
@@ -57,11 +57,11 @@ pub struct MapSlope {
     pub rms_nt_per_m: f64,
     /// The inverse wavenumber of the map's anomalies, in m: standard deviation over root mean square of the slope.
     pub length_m: f64,
-    /// One sigma of the upward slope at each sample, in nT/m; empty where the map has it.
+    /// Standard deviation of the upward slope at each sample, in nT/m; empty where the map has it.
     ///
-    /// The field of sources below has as much power in its upward slope as in both horizontal ones. The horizontal slope at
-    /// a sample is the best guess of how strong the anomalies are there, and that of the whole line a guess that does not
-    /// fail at the top of one.
+    /// The field of sources below has as much power in its upward slope as in both horizontal ones. The horizontal
+    /// slope at a sample is the best guess of how strong the anomalies are there, and that of the whole line a guess
+    /// that does not fail at the top of one.
     pub upward_nt_per_m: Vec<f64>,
 }
 

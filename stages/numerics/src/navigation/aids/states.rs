@@ -1,4 +1,4 @@
-//! Where the states of the further measurements are among those of a filter.
+//! Positions of the states of the further measurements among those of a filter.
 
 use crate::navigation::gaussian::Layout;
 use crate::navigation::pinson::S;
@@ -11,7 +11,7 @@ use super::{Aids, SlopeError};
 pub(crate) struct AidStates {
     /// The index of the first.
     first: usize,
-    /// What they are. Those that last for a distance have no correlation time of their own.
+    /// Error models of the states. Errors with a correlation length have no time constant.
     pub(crate) errors: Vec<GaussMarkov>,
     /// Those that last for a distance, by their place, with it in m.
     pub(crate) lengths_m: Vec<(usize, f64)>,

@@ -1,5 +1,5 @@
 #![allow(clippy::unwrap_used)]
-//! The filter aided by positions from elsewhere, and with the noise of each measurement.
+//! The filter aided by aiding positions, and with the noise of each measurement.
 
 use super::*;
 use crate::earth::geodesy::EarthModel;

@@ -6,7 +6,7 @@ use crate::navigation::pinson::{ALT, LAT, LON, S, STATES};
 use crate::navigation::transition::lanes::{Matrices, Vectors};
 
 /// The row H of each measurement, which has entries for position and S only.
-/// [thesis 000 (5.37), with the 1 of S that is missing in print]
+/// [Gnadt 2022, (5.37), with the 1 of S that is missing in print]
 pub(super) struct Sensitivities<V> {
     pub(super) d_lat: V,
     pub(super) d_lon: V,

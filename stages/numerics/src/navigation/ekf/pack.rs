@@ -85,8 +85,8 @@ impl<'a> Filter<'a> {
     }
 }
 
-/// As many filters as a register has lanes, or fewer: a lane without a filter repeats the last that has one, and
-/// its result is ignored.
+/// A pack of at most as many filters as a register has lanes. A lane without a filter repeats the last filter, and its
+/// result is ignored.
 pub(super) struct Pack<'a, S: Simd> {
     filters: Vec<Filter<'a>>,
     noise: NoiseDiscretisation,
@@ -207,7 +207,7 @@ impl<'a, S: Simd> Pack<'a, S> {
         }
     }
 
-    /// Corrects states and covariances by the positions from elsewhere.
+    /// Corrects states and covariances by the aiding positions.
     #[inline(always)]
     fn aid(&mut self, simd: S, ins: &InsSeries<'_>, row: usize) {
         if self.filters.iter().all(|filter| filter.point.fixes.is_none()) {

@@ -1,4 +1,4 @@
-//! What the filter is told.
+//! Parameters of the filter.
 
 use crate::navigation::ins_error::{InsErrorModel, ParameterError, require};
 use params::Rule;
@@ -10,18 +10,18 @@ pub struct EkfParameters {
     pub errors: InsErrorModel,
     /// Standard deviation of the measurement noise, in nT: sensor, map and what compensation left.
     pub measurement_sigma_nt: f64,
-    /// The mean of measurement minus prediction (map and core field at the INS position) over the
-    /// first so many seconds is taken off every measurement; 0 takes nothing off. Compensation and
-    /// maps leave a constant undetermined that may be far beyond what S can take up.
+    /// Length, in s, of the window from the start of the line whose mean of measurement minus prediction (map and core
+    /// field at the INS position) is subtracted from every measurement; 0 subtracts nothing. Compensation and maps
+    /// leave a constant undetermined that may be far beyond the range of S.
     pub offset_window_s: f64,
-    /// A measurement whose squared residual over its variance is above this is left out and
-    /// counted; `None` uses every one. 10.83 leaves out one good measurement in a thousand.
+    /// Largest NIS of a measurement; larger ones are rejected and counted. `None` uses every measurement. 10.83 rejects
+    /// one good measurement in a thousand.
     pub gate_nis: Option<f64>,
     /// Counts the curvature of the map over the position's uncertainty as noise of the measurement.
     pub second_order: bool,
-    /// Hand out the error states of every sample (144 bytes each).
+    /// Returns the error states of every sample (144 bytes each).
     pub keep_states: bool,
-    /// Hand out the covariance of every sample (2.6 kB each).
+    /// Returns the covariance of every sample (2.6 kB each).
     pub keep_covariance: bool,
 }
 
@@ -40,7 +40,7 @@ impl Default for EkfParameters {
 }
 
 impl EkfParameters {
-    /// Refuses parameters that make no filter.
+    /// Rejects invalid parameters.
     ///
     /// # Errors
     /// Fails for a measurement noise or a gate that is not a finite number above 0, a window that is not one of at

@@ -6,8 +6,8 @@ use crate::navigation::pinson::{PinsonForm, S, StateMatrix, StateVector, TimeCon
 use crate::navigation::transition::lanes::Transition;
 use crate::navigation::transition::{NoiseDiscretisation, transition_matrix, van_loan};
 
-/// The parameters that the steps along a line depend on. The temporal variation is left out: it drives nothing
-/// and decays by itself, so every filter has its own.
+/// Parameters that determine the steps along a line. The temporal variation is excluded: it drives no other state and
+/// decays independently, so every filter has its own.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct StepModel {
     times: TimeConstants,
@@ -37,7 +37,7 @@ impl StepModel {
         }
     }
 
-    /// How the process noise of a step is discretised.
+    /// Discretisation of the process noise.
     pub(super) fn noise(&self) -> NoiseDiscretisation {
         self.noise
     }

@@ -291,7 +291,7 @@ fn law_bad_lines_are_refused_in_words() {
     let message = |line: &Line| line.run(&EkfParameters::default(), &map).unwrap_err().to_string();
     let mut line = Line::golden();
     line.columns[5][12] = f64::NAN;
-    assert_eq!(message(&line), "column `ins_ve` is NaN in row 12; the filter needs a finite value in every row");
+    assert_eq!(message(&line), "column `ins_ve` is NaN in row 12; the filter requires a finite value in every row");
     let mut line = Line::golden();
     line.columns[0][3] = 0.2;
     assert_eq!(message(&line), "time does not ascend: `tt` is 0.2 s in row 3 after 0.2 s");
@@ -302,7 +302,7 @@ fn law_bad_lines_are_refused_in_words() {
     line.columns[9].pop();
     assert_eq!(message(&line), "column `ins_fd` has 19 rows, `tt` has 20");
     let empty = Line { columns: Default::default(), measurement_nt: Vec::new() };
-    assert_eq!(message(&empty), "the line has 0 sample(s); at least 1 are needed");
+    assert_eq!(message(&empty), "the line has 0 sample(s); at least 1 are required");
     let mut line = Line::golden();
     line.columns[7][11] = 1e200;
     assert!(message(&line).starts_with("the filter diverged at row 12 (tt = 1.2"), "{}", message(&line));

@@ -22,13 +22,13 @@ pub(super) struct Node {
     pub tt_s: f64,
     /// The step from the node before; of no use to the first.
     pub step: Step,
-    /// Of each sample, the rows of position of Φ from the node.
+    /// Rows of position of Φ from the node, for each sample.
     positions: Vec<[StateVector; 3]>,
-    /// Of each magnetometer.
+    /// Measurement of each magnetometer.
     pub measurements: Vec<Option<Measurement>>,
-    /// The positions from elsewhere at its samples.
+    /// The aiding positions at its samples.
     pub fixes: Vec<Fix>,
-    /// How the node's states go on to its samples after the first, where there are further measurements.
+    /// Propagation of the node's states to its later samples, if there are further measurements.
     later: Vec<Later>,
 }
 
@@ -67,12 +67,12 @@ impl Fix {
 pub(super) struct Measurement {
     value_nt: f64,
     pub variance_nt2: f64,
-    /// Of each sample.
+    /// Weight of each sample.
     weights: Vec<f64>,
-    /// What is left on average of the node's temporal variation, and of its Gauss-Markov error.
+    /// Mean remaining fraction of the node's temporal variation, and of its Gauss-Markov error.
     temporal: f64,
     error: f64,
-    /// The state of the map's error, and what is left of it.
+    /// State of the map error, and its remaining fraction.
     map_error: (usize, f64),
     regressors: Vec<f64>,
 }
@@ -146,7 +146,7 @@ impl Node {
 }
 
 impl Measurement {
-    /// Whether the map is too flat about a state to tell a position.
+    /// Whether the map is too flat about a state to observe the position.
     pub fn is_flat(&self, aids: &Aids<'_>, local: &LocalField, line: &NavigationLine<'_>, row: usize) -> bool {
         let [d_lat_nt_per_rad, d_lon_nt_per_rad, d_alt_nt_per_m] = [LAT, LON, ALT].map(|state| local.derivative[state]);
         let at = FieldValue { value_nt: 0.0, d_lat_nt_per_rad, d_lon_nt_per_rad, d_alt_nt_per_m };

@@ -1,28 +1,28 @@
-//! What the smoother is told, and what it says of its windows.
+//! Parameters of the smoother, and the report on its windows.
 
 use params::{Rule, params};
 
 use crate::navigation::loss::{Loss, RobustLoss};
 
 params! {
-    /// The parameters of the smoother.
+    /// Parameters of the smoother.
     pub struct FixedLagParameters, all default;
-    /// Length of a window. Over one window the map is linearised anew until the solution stays.
+    /// Length of a window. The map is linearised anew over the window until the solution converges.
     window_s: f64, unit "s", default 300.0, rule Rule::Positive;
-    /// The part of a window that it shares with the next; the windows end every `window_s` (1 - `overlap`) seconds. How
-    /// often they are solved matters more than their length: 15 s by default.
+    /// Fraction of a window that the next window shares. Windows end every `window_s` (1 - `overlap`) seconds, by
+    /// default 15 s. This interval is more important than the length of the windows.
     overlap: f64, unit "1", default 0.95, rule Rule::Between(0.0, 0.999);
-    /// The estimate of a sample uses measurements up to this long after it. 0 navigates in real time.
+    /// Maximum delay after a sample of the measurements in its estimate. 0 navigates in real time.
     lag_s: f64, unit "s", default 0.0, rule Rule::NotNegative;
-    /// The measurements within so long are averaged into one; 0 takes each by itself.
+    /// Interval over which measurements are averaged into one. 0 uses every sample.
     measurement_interval_s: f64, unit "s", default 1.0, rule Rule::NotNegative;
-    /// What a residual costs.
+    /// Loss function of a residual.
     loss: Loss, unit "", default Loss::None;
-    /// Where `loss` departs from least squares, in standard deviations of the measurement.
+    /// Residual above which a robust `loss` departs from least squares, in standard deviations of the measurement.
     loss_scale: f64, unit "1", default 2.5, rule Rule::Positive;
-    /// Most iterations of a window.
+    /// Maximum number of iterations per window.
     iterations: usize, unit "", default 15_usize;
-    /// A window is solved when an iteration lowers its cost (half a chi-square) by less than this.
+    /// Decrease of the cost (half a chi-square) in one iteration below which a window is solved.
     tolerance: f64, unit "1", default 0.01, rule Rule::Positive;
 }
 
@@ -40,23 +40,23 @@ impl FixedLagParameters {
     }
 }
 
-/// How a window was solved.
+/// Report on the solution of a window.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct WindowReport {
     /// Time of the first and the last node, in s.
     pub span_s: [f64; 2],
-    /// The nodes: instants whose states are solved for.
+    /// Number of nodes: instants whose states are solved for.
     pub nodes: usize,
-    /// The measurements: averages over `measurement_interval_s` of all magnetometers, and coordinates from elsewhere.
+    /// Number of measurements: averages over `measurement_interval_s` of all magnetometers, and coordinates of aiding
+    /// positions.
     pub measurements: usize,
-    /// The iterations of Gauss-Newton.
+    /// Number of Gauss-Newton iterations.
     pub iterations: usize,
-    /// Whether the last one lowered the cost by less than the tolerance.
+    /// Whether the last iteration lowered the cost by less than the tolerance.
     pub converged: bool,
-    /// The smallest part of a Gauss-Newton step that was taken; 1 where none needed damping.
+    /// Smallest fraction of a Gauss-Newton step that was taken; 1 without damping.
     pub smallest_step: f64,
-    /// How far the last whole step moves a position at the most, in m; infinite where the first step is the only one and has no
-    /// path to start from.
+    /// Largest change of a position in the last full step, in m; infinite after a single step without an initial path.
     pub last_step_m: f64,
     /// Twice the cost at the solution: without robust loss a chi-square of as many degrees as measurements.
     pub chi_square: f64,

@@ -14,7 +14,7 @@ use super::parameters::FixedLagParameters;
 use super::window::Window;
 use super::{FixedLagOutput, Magnetometer, Usage};
 
-/// What is estimated of a node, and of the innovation there.
+/// Estimate at a node, with the innovation there.
 pub(super) struct Estimate {
     rows: Range<usize>,
     tt_s: f64,
@@ -52,8 +52,8 @@ impl<'a> Front<'a> {
         Self { parameters, layout, line, aids, field: line.predicted(), now: prior, gain, spare: vec![] }
     }
 
-    /// Takes the measurements of a node, which is the line's first or after the last one taken. Those for which the map is too
-    /// flat there are dropped from the node.
+    /// Takes the measurements of a node, which is the line's first or after the last one taken. Those for which the map
+    /// is too flat there are dropped from the node.
     pub(super) fn take(&mut self, node: &mut Node) -> Estimate {
         if node.rows.start > 0 {
             self.now.propagate(self.layout, &node.step, &mut self.spare);
@@ -188,7 +188,7 @@ impl<'a> Passage<'a> {
         Ok(self.output)
     }
 
-    /// Solves the window that ends at a time, hands out the estimates that the next cannot better, and slides on.
+    /// Solves the window that ends at a time, returns the estimates that the next cannot better, and slides on.
     fn solve(&mut self, end_s: f64, following_s: Option<f64>) -> Result<(), NavigationError> {
         let nodes = &self.window.nodes;
         let (count, lag_s) = (nodes.len(), self.parameters.lag_s);

@@ -35,7 +35,7 @@ struct About {
     rows: Vec<Rows>,
 }
 
-/// What the forward pass leaves of a measurement to its adjoint.
+/// Values of a measurement that the forward pass saves for its adjoint.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Trace {
     pub(super) of: Source,
@@ -54,7 +54,7 @@ impl Trace {
     }
 }
 
-/// What a measurement is of, by its place among those of the node.
+/// Source of a measurement, by its place among the measurements of the node.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Source {
     Magnetometer(usize),
@@ -68,7 +68,7 @@ pub(super) struct Window<'a> {
     layout: &'a Layout,
     line: &'a NavigationLine<'a>,
     aids: (&'a Aids<'a>, &'a AidStates),
-    /// Where a step moves no position by as much as this, in m, the window is solved too.
+    /// Largest change of a position, in m, in one step below which the window is solved too.
     pub tolerance_m: f64,
     field: PredictedField<'a>,
     /// The first is the window's start.
@@ -79,7 +79,7 @@ pub(super) struct Window<'a> {
     pub last: Gaussian,
     path: Path,
     trial: Path,
-    /// What the last forward pass is linearised about.
+    /// Linearisation point of the last forward pass.
     about: About,
     /// About the trial path; between windows about the path.
     trial_about: About,
@@ -143,7 +143,7 @@ impl<'a> Window<'a> {
         self.iterate(&new, wanted, before)
     }
 
-    /// Solves for the states of all nodes, linearised about these first, whatever they cost.
+    /// Solves for the states of all nodes, linearised first about `x`, regardless of its cost.
     pub fn solve_from(&mut self, x: Vec<f64>, wanted: &[bool]) -> WindowReport {
         self.path = Path { adjoint: vec![0.0; x.len()], x, distance: 0.0 };
         self.evaluate(0);
@@ -205,7 +205,7 @@ impl<'a> Window<'a> {
         report
     }
 
-    /// Lets the path go on to the nodes that are new, without process noise; these.
+    /// Extends the path to the new nodes, without process noise. Returns these nodes.
     fn extend(&mut self) -> Range<usize> {
         let dim = self.dim();
         let known = self.path.x.len() / dim;
@@ -251,7 +251,7 @@ impl<'a> Window<'a> {
         largest
     }
 
-    /// What the last forward pass made of the measurements of a node.
+    /// Values of the measurements of a node in the last forward pass.
     pub fn traces(&self, node: usize) -> &[Trace] {
         &self.traces[self.starts[node]..self.starts[node + 1]]
     }
@@ -268,8 +268,7 @@ impl<'a> Window<'a> {
         sum
     }
 
-    /// The distance and the cost of the residuals that `counted` has; where the field is not known there, the residual
-    /// of `counted` stands for it.
+    /// Distance and cost of the residuals in `counted`. Where the field is unknown, the residual in `counted` is used.
     fn cost(&self, path: &Path, about: &About, counted: &About) -> f64 {
         let (dim, magnetometers) = (self.dim(), self.layout.blocks.len());
         let (loss, mut sum) = (self.parameters.robust(), path.distance);
@@ -479,7 +478,7 @@ impl<'a> Window<'a> {
         }
     }
 
-    /// Drops the nodes before `first`, whose predicted states become the prior: what the dropped measurements say.
+    /// Drops the nodes before `first`. The predicted states, which include the dropped measurements, become the prior.
     pub fn slide(&mut self, first: usize) {
         if first == 0 {
             return;

@@ -144,7 +144,7 @@ impl InsErrorEnsemble {
     }
 }
 
-/// How far the INS is off in position, in metres, by its error states.
+/// Horizontal position error of the INS, in m, from its error states.
 pub fn horizontal_m(error: &[f64; STATES], lat_rad: f64, alt_m: f64) -> f64 {
     let earth = EarthModel::Wgs84;
     let north = earth.lat_rad_to_north_m(error[LAT], lat_rad, alt_m);

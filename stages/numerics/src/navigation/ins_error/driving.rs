@@ -7,14 +7,14 @@
 use super::InsErrorModel;
 use crate::navigation::pinson::{A_HAT, STATES, StateVector, VN};
 
-/// How long a block is, in seconds; a longer step is a block of its own.
+/// Length of a block, in s. A longer step is one block.
 const BLOCK_S: f64 = 1.0;
 
 /// Two streams of standard normals: what a realisation is made of.
 pub struct Draws<'a> {
     /// The noise of each block, and before it the initial error.
     pub block: &'a mut dyn FnMut() -> f64,
-    /// How the noise of a block falls on its steps.
+    /// Draws that distribute the noise of a block over its steps.
     pub within: &'a mut dyn FnMut() -> f64,
 }
 
@@ -24,7 +24,7 @@ pub(super) struct Driving {
     sigmas: StateVector,
 }
 
-/// The states that noise drives; the 1e-30 of the others (position, loop) is left out.
+/// States with driving noise, without the 1e-30 of the others (position, loop).
 fn driven() -> impl Iterator<Item = usize> {
     (VN..STATES).filter(|state| *state != A_HAT)
 }

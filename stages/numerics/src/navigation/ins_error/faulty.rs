@@ -1,4 +1,4 @@
-//! What an INS says: the truth less its errors.
+//! INS output: the truth minus the errors.
 
 use nalgebra::Vector3;
 
@@ -15,7 +15,7 @@ use crate::navigation::pinson::{ACC, ALT, LAT, LON, StateVector, TILT_N, VN};
 /// `acc_scale` (truth minus measurement of 1), turned by the attitude of the INS. For errors of any size latitude and
 /// longitude are valid and the attitude is a rotation: an error beyond a pole continues on the other side of it.
 ///
-/// `errors` are as many as the samples of a series that passed [`InsSeries::check`]; what is more is left out.
+/// `errors` has one value per sample of a series that passed [`InsSeries::check`]; additional ones are ignored.
 pub fn faulty_ins(truth: &InsSeries<'_>, errors: &[StateVector], acc_scale: [f64; 3]) -> [Vec<f64>; 12] {
     let mut columns: [Vec<f64>; 12] = Default::default();
     for (row, error) in errors.iter().enumerate().take(truth.len()) {

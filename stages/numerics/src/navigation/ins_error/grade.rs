@@ -5,20 +5,20 @@ use params::choice;
 use super::{InsErrorModel, InsErrors};
 
 choice! {
-    /// How good an INS is.
+    /// Grade of an INS.
     #[derive(Default)]
     pub enum InsGrade {
         /// The defaults of MagNav.jl: a navigation-grade INS after a good alignment.
         #[default]
         Magnav = "magnav",
-        /// Honeywell HG9900. [thesis 001, Tables 9 and 10]
+        /// Honeywell HG9900. [Lee 2019, Tables 9 and 10]
         Navigation = "navigation",
-        /// Honeywell HG1700. [thesis 001, Tables 9 and 10]
+        /// Honeywell HG1700. [Lee 2019, Tables 9 and 10]
         Tactical = "tactical",
-        /// Micro-mechanical sensors. [thesis 001, Tables 9 and 10]
+        /// Micro-mechanical sensors. [Lee 2019, Tables 9 and 10]
         ///
-        /// Its gyroscopes drift by half a degree a second, so that the position is off by thousands of
-        /// kilometres within a quarter of an hour: it makes sense for a minute or two.
+        /// Its gyroscopes drift by half a degree per second, so the position error exceeds a thousand kilometres within
+        /// a quarter of an hour. It is usable for one or two minutes.
         Commercial = "commercial",
     }
 }
@@ -34,11 +34,10 @@ impl InsGrade {
 
     /// The error sources of an INS of this grade.
     ///
-    /// The tables print velocity and angular random walk, and the standard deviations of the biases
-    /// (correlation time 3600 s), with the numbers of the latter as those of the initial velocity
-    /// (m/s) and tilt (rad); the position is known at first, the height to 5 m. Angular random walk and
-    /// gyroscope bias are in rad/√s and rad/s, whatever the printed units say. The barometer, on which
-    /// the tables are silent, is MagNav.jl's for all grades.
+    /// The tables give velocity and angular random walk, and the standard deviations of the biases (time constant 3600
+    /// s); the same numbers serve as those of the initial velocity (m/s) and tilt (rad). The initial position is exact,
+    /// the initial height has 5 m. Angular random walk and gyroscope bias are in rad/√s and rad/s, despite the printed
+    /// units. The tables do not give the barometer; all grades use MagNav.jl's.
     pub fn errors(self) -> InsErrors {
         match self {
             Self::Magnav => InsErrors::default(),

@@ -4,7 +4,7 @@ use params::{Fault, Lists, ParamDoc, Params, Reader, params};
 
 use super::{InsErrors, InsGrade};
 
-/// The error sources of an INS, whose grade says what they are where they are left out.
+/// Error sources of an INS. Its grade gives the unset ones.
 ///
 /// The grade is read and is no part of the answer: an INS of a grade and one of the same error sources, given one by one,
 /// are the same.
@@ -20,12 +20,12 @@ pub struct GradedIns {
 const OF_START: [&str; 3] = ["init_position_sigma_m", "init_altitude_sigma_m", "init_velocity_sigma_mps"];
 
 params! {
-    /// The key beside those of [`InsErrors`].
+    /// Key in addition to those of [`InsErrors`].
     struct Grade;
-    /// Quality of the INS: sets the error sources (keys `init_*`, `*_sigma*` and `*_tau_s` of the INS) that are unset. `magnav`
-    /// has the defaults shown with the keys; `navigation` is a Honeywell HG9900, `tactical` a HG1700 and `commercial` has
-    /// micro-mechanical sensors [thesis 001, Tables 9 and 10]. The last three know their position exactly at the alignment
-    /// (`init_position_sigma_m = 0`).
+    /// Grade of the INS. Sets the unset error sources (keys `init_*`, `*_sigma*` and `*_tau_s` of the INS). `magnav`
+    /// uses the defaults shown with the keys. `navigation` is a Honeywell HG9900, `tactical` a Honeywell HG1700, and
+    /// `commercial` has micro-mechanical sensors [Lee 2019, Tables 9 and 10]. The last three have an exact position at
+    /// the alignment (`init_position_sigma_m = 0`).
     ins_grade: Option<InsGrade>, unit "", absent "`magnav`";
 }
 

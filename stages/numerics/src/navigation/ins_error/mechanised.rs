@@ -12,7 +12,7 @@ use crate::navigation::mechanisation::{Earth, ImuErrors, Mechanisation, Motion, 
 use crate::navigation::pinson::{A_HAT, ACC, ALT, GYRO, HA, LAT, LON, S, STATES, StateVector, TILT_N, VN};
 use crate::signal::gauss_markov::GaussMarkov;
 
-/// What the mechanisation knows beyond the error model.
+/// Error sources of the mechanisation that the error model lacks.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct MechanisedExtras {
     /// The earth that is navigated on.
@@ -23,9 +23,9 @@ pub struct MechanisedExtras {
     pub gyro_scale: [f64; 3],
 }
 
-/// As [`errors_along`](super::errors_along), with the same draws the same realisation, but mechanised:
-/// error-free readings of the trajectory are made faulty and integrated by a barometer-aided strapdown
-/// mechanisation, and the error is the exact motion less what that finds.
+/// Errors like those of [`errors_along`](super::errors_along), with the same realisation for the same draws, but
+/// mechanised. Errors are added to error-free readings of the trajectory, a barometer-aided strapdown mechanisation
+/// integrates them, and the error is the exact motion minus the result.
 ///
 /// The exact motion is the error-free mechanisation of the error-free readings. Its position stays
 /// within the trapezoidal rule of the trajectory's, which then cancels in the error.

@@ -52,11 +52,11 @@ pub struct Fix {
 /// Standard deviations of a fix.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FixSigmas {
-    /// Of the position north and east, each, in m.
+    /// Standard deviation of the position north and east, each, in m.
     pub horizontal_m: f64,
-    /// Of the height, in m.
+    /// Standard deviation of the height, in m.
     pub vertical_m: f64,
-    /// Of each component of the velocity, in m/s.
+    /// Standard deviation of each component of the velocity, in m/s.
     pub velocity_mps: f64,
 }
 

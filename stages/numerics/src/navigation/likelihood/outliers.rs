@@ -11,11 +11,11 @@ use crate::navigation::sensitivity::Sensitivity;
 /// Squared innovation over its variance above which a measurement is rejected: one healthy measurement in 100,000.
 pub const GATE_NIS: f64 = 19.5;
 
-/// So many rejected measurements in a row mean that the prediction is wrong, and not the measurements.
+/// Number of consecutive rejections that indicates a wrong prediction instead of wrong measurements.
 const RECOVERED_AFTER: usize = 20;
 
-/// Whether each measurement of a line is an outlier: its squared innovation over its variance is above [`GATE_NIS`], in an
-/// extended Kalman filter that does not use it. After 20 in a row the next one is used, whatever its innovation.
+/// Whether each measurement of a line is an outlier: its NIS exceeds [`GATE_NIS`] in an extended Kalman filter that
+/// does not use it. After 20 rejections in a row the next measurement is used, regardless of its innovation.
 ///
 /// # Errors
 /// Fails as [`NavigationLine::check`], and with [`NavigationError::Diverged`] when states or variances are no longer finite.

@@ -27,7 +27,7 @@ const SHARE: usize = 64;
 /// The particles. Those beyond the last fill its block and weigh nothing.
 #[derive(Clone, Debug)]
 pub(super) struct Cloud<const N: usize> {
-    /// How many there are.
+    /// Their number.
     pub(super) particles: usize,
     /// Their states.
     pub(super) blocks: Vec<Block<N>>,
@@ -40,12 +40,12 @@ pub(super) struct Cloud<const N: usize> {
 /// The entries of a transition matrix that are not zero, by rows.
 pub(super) struct SparseTransition<const N: usize> {
     entries: Vec<(usize, f64)>,
-    /// Where the entries of each row end.
+    /// End of the entries of each row.
     ends: [usize; N],
 }
 
 impl<const N: usize> SparseTransition<N> {
-    /// That of the 18 states, and what is left of each further state.
+    /// Transition of the 18 states and of each further state.
     pub(super) fn of(phi: &StateMatrix, further: &[Lasting]) -> Self {
         let (mut entries, mut ends) = (Vec::with_capacity(STATES * STATES), [0; N]);
         for (state, end) in ends.iter_mut().enumerate() {

@@ -31,7 +31,7 @@ struct Place {
 /// A middle farther than this from the point of expansion moves it.
 const REACH_M: f64 = 2000.0;
 const REACH_UP_M: f64 = 100.0;
-/// Of the central differences of the exact gradient: about 3 km.
+/// Step of the central differences of the exact gradient: about 3 km.
 const DIFFERENCE_RAD: f64 = 5e-4;
 
 impl CoreExpansion {

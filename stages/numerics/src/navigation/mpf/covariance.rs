@@ -14,7 +14,7 @@ pub(super) type Square<const N: usize> = [[f64; N]; N];
 /// Two columns over the states, by which two standard normals move a particle.
 pub(super) type Spread<const N: usize> = [[f64; 2]; N];
 
-/// What becomes of a further state, a Gauss-Markov one, in a step.
+/// Propagation of a further state, a Gauss-Markov process, over a step.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Lasting {
     /// The part of it that is left.
@@ -65,8 +65,8 @@ fn clear<const N: usize>(p: &mut Square<N>, state: usize) {
     p.iter_mut().for_each(|row| row[state] = 0.0);
 }
 
-/// Conditions a covariance on the position, and clears the position's rows and columns. The two columns handed back are
-/// the first two of its Cholesky factor: spread·ξ is a draw of the position with the mean of the rest that follows it.
+/// Conditions a covariance on the position, and clears the position's rows and columns. Returns the first two columns
+/// of its Cholesky factor: spread·ξ is a draw of the position with the corresponding mean of the other states.
 pub(super) fn condition_on_position<const N: usize>(p: &mut Square<N>) -> Spread<N> {
     let mut spread = [[0.0; 2]; N];
     let variances = [p[LAT][LAT], p[LON][LON]];

@@ -1,11 +1,11 @@
-//! Random numbers that are a function of seed, purpose, step and particle, whatever was drawn before them.
+//! Random numbers that depend only on seed, purpose, step and particle.
 
 use crate::random::SplitMix64;
 
 /// By how much the state of SplitMix64 moves with each draw.
 const STRIDE: u64 = 0x9e37_79b9_7f4a_7c15;
 
-/// What numbers are drawn for.
+/// Purpose of a draw.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Purpose {
     Start = 1,

@@ -20,12 +20,12 @@ use super::resampling::{Resampler, Resampling};
 
 /// A measurement that would leave less than this part of the particles effective is used in parts.
 pub(super) const LEAST_LEFT: f64 = 0.1;
-/// The smallest part of what is left of a measurement.
+/// Smallest fraction of the remaining information of a measurement that is used at once.
 const LEAST_PART: f64 = 1.0 / 256.0;
 /// The most parts of a measurement.
 pub(super) const MOST_PARTS: usize = 64;
 
-/// What corrects the particles at a sample; each has resamplings of its own.
+/// Source of a correction of the particles at a sample. Each has its own resamplings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Turn {
     Scalar,
@@ -62,7 +62,7 @@ pub(super) struct Filter<'a, const N: usize> {
     in_a_row: [usize; 2],
 }
 
-/// What a sample says of the filter.
+/// Results of a sample.
 struct Sample {
     innovation: Innovation,
     usage: Usage,

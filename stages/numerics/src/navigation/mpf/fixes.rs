@@ -1,4 +1,4 @@
-//! Positions from elsewhere as the particles take them.
+//! Aiding positions as the particles take them.
 
 use crate::navigation::pinson::ALT;
 use crate::navigation::position_fixes::StateFix;
@@ -7,7 +7,8 @@ use super::cloud::{BLOCK, Block, Cloud, Lanes, NO_SUMS, accumulate, total};
 use super::covariance::correct;
 use super::filter::{Filter, LEAST_LEFT, MOST_PARTS, Turn};
 
-/// The smallest part of what is left of a fix: a cloud of kilometres meets a fix of metres.
+/// Smallest fraction of the remaining information of a fix that is used at once, for a cloud of kilometres and a fix of
+/// metres.
 const LEAST_PART: f64 = 1e-12;
 
 /// Weights that are not yet the cloud's.
@@ -18,7 +19,7 @@ struct Weighed {
 }
 
 impl<const N: usize> Filter<'_, N> {
-    /// Corrects weights, linear states and their covariance by the positions from elsewhere of a row.
+    /// Corrects weights, linear states and their covariance by the aiding positions of a row.
     pub(super) fn aid(&mut self, row: usize) {
         let [lat, lon, alt] = self.line.fixes_at(row);
         if let Some(fix) = alt {
@@ -95,7 +96,7 @@ fn weighed<const N: usize>(cloud: &Cloud<N>, logs: &[Lanes], part: f64) -> Weigh
     let mut most = f64::NEG_INFINITY;
     for (weights, logs) in log_weights.iter_mut().zip(logs) {
         for (weight, log) in weights.iter_mut().zip(logs) {
-            // A lane that is no particle stays without weight, whatever its states are.
+            // A lane that is no particle stays without weight for any states.
             if *weight > f64::NEG_INFINITY {
                 *weight += part * log;
                 most = most.max(*weight);

@@ -1,4 +1,4 @@
-//! What the particles see of a measurement: its value at the position of each, and the row of H that all have in common.
+//! Predictions of a measurement: the value at the position of each particle, and the common row of H.
 
 use nalgebra::{Matrix3, Vector3};
 

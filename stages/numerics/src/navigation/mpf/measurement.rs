@@ -5,8 +5,8 @@ use crate::navigation::pinson::ALT;
 use super::cloud::{BLOCK, Cloud, Lanes, NO_SUMS, accumulate, total};
 use super::covariance::{Information, Square, dot, times};
 
-/// Less of the weight than this on the map, and the measurement is not used: what the few would say of it is not the
-/// cloud's.
+/// Smallest share of the weight on the map for which a measurement is used. A smaller share does not represent the
+/// cloud.
 const LEAST_ON_MAP: f64 = 0.1;
 
 /// A scalar measurement of z = v(position) + u·x + white noise, where v is of each particle and the row u of all.
@@ -27,7 +27,7 @@ impl Measured {
     }
 }
 
-/// What is measured at every particle, and what a measurement makes of it.
+/// Prediction of a measurement at every particle, and the result of the measurement.
 #[derive(Clone, Debug)]
 pub(super) struct Predictor {
     /// v at each particle; NaN off the map.

@@ -1,10 +1,10 @@
 //! The modes of a cloud of weighted points in the plane: its hills of density, with a valley between any two of them.
 //!
-//! The density of the whitened points is smoothed on a grid by a Gaussian of the optimal bandwidth, its cells are
-//! visited from the highest to the lowest, and each joins the hill of its neighbours or starts one; where two hills
-//! meet, the lower is part of the higher unless the saddle is below [`VALLEY`] of its top [Chazal, Guibas, Oudot &
-//! Skraba 2013]. Each hill is then looked at by itself, on a grid of its own size, so that modes of very different
-//! sizes are told apart. Nothing is random.
+//! The density of the whitened points is smoothed on a grid by a Gaussian of the optimal bandwidth. The cells are
+//! visited from the highest to the lowest, and each joins the hill of its neighbours or starts a new one. Where two
+//! hills meet, the lower is part of the higher unless the saddle is below [`VALLEY`] of its top [Chazal, Guibas, Oudot
+//! & Skraba 2013]. Each hill is then analysed on a grid of its size, to separate modes of very different sizes. The
+//! algorithm is deterministic.
 
 /// A saddle lower than this part of the lower top separates two modes.
 const VALLEY: f64 = 0.4;
@@ -15,16 +15,16 @@ const SIDE: usize = 32;
 /// Half the width of the grid, in standard deviations; what is farther out is in the cells of the edge.
 const HALF_WIDTH: f64 = 4.0;
 const CELLS: usize = SIDE * SIDE;
-/// How often a mode is looked at more closely.
+/// Number of refinements of a mode.
 const LEVELS: usize = 5;
 const NONE: u32 = u32::MAX;
 
-/// Points told apart.
+/// Clusters of points.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Clusters {
     /// The mode of each point, from 0.
     pub(super) labels: Vec<u32>,
-    /// How many there are.
+    /// Their number.
     pub(super) count: usize,
     scratch: Scratch,
 }
@@ -49,7 +49,7 @@ struct Moments {
 }
 
 impl Clusters {
-    /// Tells the modes of points apart; `points` hands out the coordinates of a point, in any unit of each axis.
+    /// Separates the modes of points; `points` returns the coordinates of a point, in any unit of each axis.
     /// Weights are not negative and sum up to about 1.
     pub(super) fn find(&mut self, weights: &[f64], points: impl Fn(usize) -> [f64; 2] + Copy) {
         self.labels.clear();
@@ -173,7 +173,7 @@ impl Scratch {
         (hill != NONE).then_some(hill as usize)
     }
 
-    /// Smooths by 1 2 1 along both axes, so many times; what would leave the grid stays in it.
+    /// Smooths by 1 2 1 along both axes `passes` times, without loss at the edges of the grid.
     fn blur(&mut self, passes: usize) {
         self.smooth.resize(CELLS, 0.0);
         for _ in 0..passes {

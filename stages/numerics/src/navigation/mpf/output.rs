@@ -1,4 +1,4 @@
-//! What the filter makes of a line.
+//! Output of the filter on a line.
 
 use crate::earth::geodesy::EarthModel;
 use crate::navigation::aids::{AidInnovations, Usage};
@@ -19,29 +19,30 @@ pub struct MpfOutput {
     pub track: NavigationOutput,
     /// The effective number of particles 1/Σq² after the measurement of each sample, before resampling.
     pub effective: Vec<f64>,
-    /// What became of each sample.
+    /// Outcome of each sample.
     pub usage: Vec<Usage>,
     /// The innovations of the further measurements, each of the whole cloud as that of the field.
     pub aids: AidInnovations,
     /// The modes of the samples that [`super::MpfParameters::modes_every`] asks for, and of the last sample.
     pub modes: Vec<ModesAt>,
-    /// What became of the particles.
+    /// Report on the particles.
     pub report: MpfReport,
 }
 
-/// How the particles fared. A cloud that has lost the aircraft shows as `unexplained` or `collapsed` samples.
+/// Report on the particles. A cloud that has lost the aircraft appears as `unexplained` or `collapsed` samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct MpfReport {
-    /// How often the particles were resampled.
+    /// Number of resamplings.
     pub resamplings: usize,
-    /// Samples with a measurement of the field that no particle explains ([`super::UNEXPLAINED_NIS`]), which is not used.
+    /// Samples with a measurement of the field that no particle explains ([`super::UNEXPLAINED_NIS`]), which is not
+    /// used.
     pub unexplained: usize,
-    /// The most of them in a row, samples without a measurement left out.
+    /// Largest number of them in a row, without counting samples without a measurement.
     pub unexplained_in_a_row: usize,
     /// Samples with an effective number of particles below 2 after their measurement: one particle is the estimate,
     /// and its covariance means nothing.
     pub collapsed: usize,
-    /// The most of them in a row, samples without a used measurement left out.
+    /// Largest number of them in a row, without counting samples without a used measurement.
     pub collapsed_in_a_row: usize,
     /// The smallest effective number of particles.
     pub least_effective: f64,
@@ -65,9 +66,9 @@ pub struct Mode {
     pub lat_deg: f64,
     /// Its mean longitude, in degrees.
     pub lon_deg: f64,
-    /// One sigma north about its mean, in m.
+    /// Standard deviation north about its mean, in m.
     pub sd_n_m: f64,
-    /// One sigma east, in m.
+    /// Standard deviation of the position east, in m.
     pub sd_e_m: f64,
     /// Covariance of north with east, in m².
     pub cov_ne_m2: f64,

@@ -1,4 +1,4 @@
-//! What the filter is told.
+//! Parameters of the filter.
 
 use crate::navigation::ins_error::ParameterError;
 use params::{Rule, obeys};
@@ -8,7 +8,7 @@ use params::{Rule, obeys};
 pub struct MpfParameters {
     /// The number of particles, from 1 to [`Self::MOST_PARTICLES`].
     pub particles: usize,
-    /// What all random numbers are drawn from: the same seed gives the same bits, on any number of threads.
+    /// Seed of all random numbers. The same seed gives the same bits on any number of threads.
     pub seed: u64,
     /// Resample when the effective number of particles 1/Σq² falls below this part of their number; 0 never resamples,
     /// 1 always does.
@@ -22,10 +22,10 @@ pub struct MpfParameters {
     /// Independent noise for the position of each resampled particle, by axis: this times the range of the particles
     /// over the root of their number [Gordon, Salmond & Smith 1993, who use 0.2]; 0 adds none.
     pub roughening: f64,
-    /// A measurement whose squared innovation over its variance, both of the whole cloud, is above this is left out and
-    /// counted; `None` leaves out only what no particle explains.
+    /// Largest NIS of a measurement for the whole cloud; larger ones are rejected and counted. `None` rejects only
+    /// measurements that contradict every particle.
     pub gate_nis: Option<f64>,
-    /// Tell the modes of every so many samples; the last sample's are always told.
+    /// Interval, in samples, at which the modes are returned. The modes of the last sample are always returned.
     pub modes_every: Option<usize>,
     /// Hand out the mean of the error states of every sample (144 bytes each).
     pub keep_states: bool,
@@ -54,7 +54,7 @@ impl MpfParameters {
     /// The most particles: they take about half a gigabyte.
     pub const MOST_PARTICLES: usize = 1_000_000;
 
-    /// Refuses parameters that make no filter.
+    /// Rejects invalid parameters.
     ///
     /// # Errors
     /// Fails for a number of particles that is not from 1 to [`Self::MOST_PARTICLES`], a threshold that is not from 0

@@ -8,7 +8,7 @@ const LEAST_EFFECTIVE: f64 = 16.0;
 pub(super) struct Partition {
     /// The cell of each point, from 0.
     pub(super) labels: Vec<u32>,
-    /// How many there are.
+    /// Their number.
     pub(super) count: usize,
     order: Vec<u32>,
 }
@@ -17,7 +17,7 @@ impl Partition {
     /// Halves the points at the weighted median along the longer side, again and again, down to cells with a standard
     /// deviation of no more than `size`. [Bentley 1975]
     ///
-    /// `points` hands out coordinates in the unit of `size`.
+    /// `points` returns coordinates in the unit of `size`.
     pub(super) fn divide(&mut self, weights: &[f64], size: f64, points: impl Fn(usize) -> [f64; 2]) {
         self.labels.clear();
         self.labels.resize(weights.len(), 0);

@@ -8,7 +8,7 @@ use super::draws::{Draws, Purpose};
 use super::modes::Clusters;
 use super::partition::Partition;
 
-/// How to resample.
+/// Resampling method.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Resampling {
     pub(super) seed: u64,
@@ -146,7 +146,7 @@ struct LinearKernel<const N: usize> {
     mean: [f64; N],
     /// The first two columns of the Cholesky factor of the mode's covariance: the regression on the position.
     spread: Spread<N>,
-    /// What is left of its covariance given the position.
+    /// Its remaining covariance given the position.
     rest: Square<N>,
     width: f64,
 }

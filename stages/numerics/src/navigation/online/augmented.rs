@@ -34,21 +34,21 @@ pub struct LineModel<'a> {
     pub core: Option<&'a Arc<CoreField>>,
     /// The error sources of the INS and the temporal variation.
     pub errors: InsErrorModel,
-    /// The mean, over the first so many seconds, of measurement minus prediction (with the model of the aircraft's
-    /// field as it is before the line) is taken off each magnetometer; 0 takes nothing off. Not needed where a
-    /// constant is among the states with a prior as wide as the offset.
+    /// Length, in s, of the window from the start of the line whose mean of measurement minus prediction (with the
+    /// prior of the aircraft field) is subtracted from each magnetometer; 0 subtracts nothing. Not needed if a constant
+    /// is among the states and its prior is as wide as the offset.
     pub offset_window_s: f64,
-    /// Positions from elsewhere, each used before the measurements of its sample.
+    /// Aiding positions, each used before the measurements of its sample.
     pub fixes: Option<&'a PositionFixes>,
-    /// Measurements beside the magnetometers, each used after them. Where the map is too flat, a magnetometer corrects the
-    /// temporal variation, the map's error and the aircraft's field alone.
+    /// Measurements besides the magnetometers, each used after them. Where the map is too flat, a magnetometer corrects
+    /// only the temporal variation, the map error and the aircraft field.
     pub aids: Aids<'a>,
     /// As [`NavigationLine::second_order`].
     pub second_order: bool,
 }
 
 impl<'a> LineModel<'a> {
-    /// Of a line, whose own measurement is left out.
+    /// Model of a line without its own measurement.
     pub fn of(line: &NavigationLine<'a>) -> Self {
         let NavigationLine { ins, map, core, errors, offset_window_s, fixes, second_order, .. } = *line;
         Self { ins, map, core, errors, offset_window_s, fixes, second_order, aids: Aids::default() }
@@ -61,11 +61,11 @@ impl<'a> LineModel<'a> {
     }
 }
 
-/// What the filter hands out beside the track, and which measurements it leaves out.
+/// Optional outputs besides the track, and the innovation gate.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct OnlineParameters {
-    /// A measurement whose squared residual over its variance, after those of the magnetometers before it, is above
-    /// this is left out and counted; `None` uses every one.
+    /// Largest NIS of a measurement, after those of the magnetometers before it; larger ones are rejected and counted.
+    /// `None` uses every measurement.
     pub gate_nis: Option<f64>,
     /// Hand out the 18 error states of every sample.
     pub keep_states: bool,
@@ -75,7 +75,7 @@ pub struct OnlineParameters {
     pub keep_coefficients: bool,
 }
 
-/// How the samples of a magnetometer were used; the first four add up to the number of samples.
+/// Use of the samples of a magnetometer. The first four counts add up to the number of samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct MagnetometerReport {
     /// Samples that were used.
@@ -84,7 +84,7 @@ pub struct MagnetometerReport {
     pub missing: usize,
     /// Samples whose predicted position is off the map or in an unknown cell.
     pub off_map: usize,
-    /// Samples that the innovation gate left out.
+    /// Number of samples that the innovation gate rejected.
     pub gated: usize,
     /// The offset that was subtracted from every measurement, in nT.
     pub offset_nt: f64,
@@ -101,7 +101,7 @@ pub struct MagnetometerTrack {
     pub nis: Vec<f64>,
     /// The aircraft's field by the state after the sample, in nT; NaN where the model has no finite input.
     pub aircraft_nt: Vec<f64>,
-    /// How the samples were used.
+    /// Use of the samples.
     pub report: MagnetometerReport,
 }
 
@@ -134,7 +134,7 @@ pub(crate) fn refused(param: &str, what: impl Into<String>) -> ParameterError {
 }
 
 impl ExtraStates {
-    /// Refuses means that are not finite, a covariance that is none, negative densities and time constants.
+    /// Rejects means that are not finite, an invalid covariance, negative densities and time constants.
     pub(crate) fn check(&self) -> Result<(), ParameterError> {
         let states = self.mean.len();
         if let Some(at) = self.mean.iter().position(|mean| !mean.is_finite()) {
@@ -187,7 +187,7 @@ impl ExtraStates {
     }
 }
 
-/// Refuses a matrix that is not finite, symmetric and positive semidefinite. Correlations round to some 1e-9 where they
+/// Rejects a matrix that is not finite, symmetric and positive semidefinite. Correlations round to some 1e-9 where they
 /// come from an inverse.
 pub(crate) fn check_covariance(covariance: &[f64], states: usize) -> Result<(), ParameterError> {
     if covariance.len() != states * states {
@@ -223,7 +223,7 @@ pub(crate) fn check_covariance(covariance: &[f64], states: usize) -> Result<(), 
 /// A magnetometer's measurement and its standard deviation, in nT.
 pub(crate) type Readings<'a> = (&'a [f64], &'a [f64]);
 
-/// What the filter makes of a line.
+/// Output of the filter on a line.
 pub(crate) struct AugmentedOutput {
     pub(crate) navigation: NavigationOutput,
     pub(crate) magnetometers: Vec<MagnetometerTrack>,
@@ -231,7 +231,7 @@ pub(crate) struct AugmentedOutput {
     pub(crate) c: Vec<f64>,
     /// Their covariance, row-major.
     pub(crate) c_covariance: Vec<f64>,
-    /// What became of each sample, where there are further measurements.
+    /// Outcome of each sample, if there are further measurements.
     pub(crate) usage: Vec<Usage>,
     /// Their innovations.
     pub(crate) aids: AidInnovations,

@@ -4,7 +4,7 @@ use crate::navigation::ins_error::InsErrorModel;
 use crate::navigation::pinson::{STATES, StateMatrix};
 use crate::navigation::transition::step_covariance;
 
-/// Rows begin at multiples of so many entries, so that vector registers of any width are filled.
+/// Rows begin at multiples of this number of entries, to fill vector registers of any width.
 const LANES: usize = 8;
 
 /// A symmetric matrix, both triangles stored by rows and bit-identical.
@@ -16,8 +16,8 @@ const LANES: usize = 8;
 /// ```
 ///
 /// Both products commute, so an entry and its mirror image are the same sum. Recursions on covariances do not change
-/// when states are scaled (by powers of two not by a bit), so a state in rad beside one in nT costs no digits;
-/// what costs them is H P Hᵀ over R, which [`WIDEST`] limits.
+/// when states are scaled (bit-identical for powers of two), so states in rad and in nT together cost no digits. H P Hᵀ
+/// over R costs digits and is limited by [`WIDEST`].
 #[derive(Clone, Debug)]
 pub(crate) struct Covariance {
     states: usize,

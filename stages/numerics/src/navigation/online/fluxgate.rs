@@ -86,22 +86,25 @@ struct Vector {
 }
 
 impl<'a> FluxgateTerms<'a> {
-    /// Refuses a scalar among the regressors, and what [`matrix_in_runs`] refuses.
+    /// Rejects a scalar among the regressors, and fails as [`matrix_in_runs`].
     pub(crate) fn new(fluxgate: &Fluxgate<'a>) -> Result<Self, ParameterError> {
         let Fluxgate { field, terms, scale_nt, runs, sigma_nt, tau_s } = *fluxgate;
         if field.bt.is_some() {
-            let what = "the terms are divided by a scalar magnetometer, by which the filter would subtract what it \
-                        navigates by";
+            let what = "the terms are divided by a scalar magnetometer, so the filter would subtract its own \
+                        measurement";
             return Err(refused("terms", what));
         }
         if !(sigma_nt >= 0.0 && sigma_nt.is_finite()) {
             return Err(refused(
                 "flux_bias_sigma_nt",
-                format!("the bias' sigma must not be below 0, but is {sigma_nt}"),
+                format!("the standard deviation of the bias must not be below 0, but is {sigma_nt}"),
             ));
         }
         if tau_s.is_nan() || tau_s <= 0.0 {
-            return Err(refused("flux_bias_tau_s", format!("the bias' time constant must be above 0, but is {tau_s}")));
+            return Err(refused(
+                "flux_bias_tau_s",
+                format!("the time constant of the bias must be above 0, but is {tau_s}"),
+            ));
         }
         let bad = |fault: crate::compensation::TermsError| refused("terms", fault.to_string());
         let derivative = Terms::new(&["derivative"]).map_err(bad)?;

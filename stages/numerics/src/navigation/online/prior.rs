@@ -1,4 +1,4 @@
-//! What is known of the coefficients before a line.
+//! Prior of the coefficients of a line.
 
 use crate::compensation::tolles_lawson::{Family, Terms};
 use crate::navigation::ins_error::ParameterError;
@@ -15,7 +15,7 @@ pub struct CoefficientPrior {
 }
 
 impl CoefficientPrior {
-    /// Of independent coefficients.
+    /// Prior of independent coefficients.
     pub fn independent(mean: &[f64], sigma: &[f64]) -> Self {
         let terms = mean.len();
         let mut covariance = vec![0.0; terms * terms];
@@ -47,8 +47,8 @@ impl CoefficientPrior {
 /// - 1 + 1/m is for the mean, and f = ν/(ν − 2), ν = m − 1, for the variances being estimates: the next coefficient
 ///   over its deviation has then the variance 1 of Student's t. For two to four calibrations f = 3.
 ///
-/// With a single calibration it is the `covariance` of the fit, (AᵀA)⁻¹ σ², row-major; it says how well the calibration
-/// saw the coefficients, and not how much they change until the next flight.
+/// With a single calibration it is the `covariance` of the fit, (AᵀA)⁻¹ σ², row-major. It is the accuracy of the
+/// calibration and does not include changes until the next flight.
 ///
 /// # Errors
 /// Fails without calibrations, for vectors of different lengths or with values that are not finite, for a single
@@ -59,7 +59,7 @@ pub fn prior_from_calibrations(
 ) -> Result<CoefficientPrior, ParameterError> {
     let count = calibrations.len();
     let Some(terms) = calibrations.first().map(|first| first.len()) else {
-        return Err(refused("prior", "there is no calibration"));
+        return Err(refused("prior", "no calibration is given"));
     };
     for (place, calibration) in calibrations.iter().enumerate() {
         if calibration.len() != terms || calibration.iter().any(|c| !c.is_finite()) {
@@ -69,7 +69,7 @@ pub fn prior_from_calibrations(
     }
     if let ([only], covariance) = (calibrations, covariance) {
         let Some(covariance) = covariance else {
-            let what = "a single calibration does not say how its coefficients scatter: give its covariance";
+            let what = "the scatter of a single calibration is unknown: give its covariance";
             return Err(refused("prior", what));
         };
         check_covariance(covariance, terms)?;
@@ -109,7 +109,7 @@ fn shrunk_covariance(deviations: &[Vec<f64>], terms: usize) -> Vec<f64> {
 
 /// The random walk that takes coefficients from one calibration to the next: by coefficient the sum of the squared
 /// changes over the time that they took, in its unit squared per s. The changes hold the errors of the calibrations
-/// too, so it is rather too large. `tt_s` is the time of each calibration. [thesis 000, section 5.5]
+/// too, so it is rather too large. `tt_s` is the time of each calibration. [Gnadt 2022, section 5.5]
 ///
 /// # Errors
 /// Fails for fewer than two calibrations, times that do not ascend, and vectors of different lengths or with values
@@ -119,7 +119,7 @@ pub fn walk_density(calibrations: &[&[f64]], tt_s: &[f64]) -> Result<Vec<f64>, P
     let lasts = tt_s.windows(2).all(|pair| pair[1] > pair[0] && (pair[1] - pair[0]).is_finite());
     if calibrations.len() < 2 || calibrations.len() != tt_s.len() || !lasts {
         let what =
-            format!("{} calibrations at {} ascending times do not tell a change", calibrations.len(), tt_s.len());
+            format!("{} calibrations at {} ascending times do not determine a change", calibrations.len(), tt_s.len());
         return Err(refused("walk_density", what));
     }
     if calibrations.iter().any(|c| c.len() != terms || c.iter().any(|c| !c.is_finite())) {
@@ -130,20 +130,21 @@ pub fn walk_density(calibrations: &[&[f64]], tt_s: &[f64]) -> Result<Vec<f64>, P
     Ok((0..terms).map(|term| of(term) / all_s).collect())
 }
 
-/// What is known of an aircraft without a calibration: standard deviations about zero, for a magnetometer in the cabin,
-/// where the aircraft's field is hundreds to thousands of nT. On a boom a tenth of them will do.
+/// Prior of an aircraft without a calibration: standard deviations about zero, for a magnetometer in the cabin, where
+/// the aircraft field is hundreds to thousands of nT. On a boom a tenth of them is sufficient.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ColdStart {
-    /// Of each permanent term, in nT.
+    /// Standard deviation of each permanent term, in nT.
     pub permanent_nt: f64,
-    /// Of each induced term, in nT at a field of the terms' scale (50,000 nT).
+    /// Standard deviation of each induced term, in nT at a field of the terms' scale (50,000 nT).
     pub induced_nt: f64,
-    /// Of each eddy term, in nT by a change of the field, over the scale, of 1 per s: at a roll rate of 10 degrees
-    /// per s the field of one term is some 0.17 times this.
+    /// Standard deviation of each eddy term, in nT for a change of the field, over the scale, of 1 per s. At a roll
+    /// rate of 10 degrees per s the field of one term is about 0.17 times this.
     pub eddy_nt_s: f64,
-    /// Of each derivative term, in nT by a change of 1 nT per s: at 10 degrees per s, 8,700 times this.
+    /// Standard deviation of each derivative term, in nT for a change of 1 nT per s. At 10 degrees per s, 8,700 times
+    /// this.
     pub derivative_s: f64,
-    /// Of the constant, in nT.
+    /// Standard deviation of the constant, in nT.
     pub bias_nt: f64,
 }
 
@@ -173,7 +174,10 @@ impl ColdStart {
                 Family::Bias => self.bias_nt,
             };
             if !(of >= 0.0 && of.is_finite()) {
-                return Err(refused("prior", format!("the sigma of {} must not be below 0, but is {of}", group.name)));
+                return Err(refused(
+                    "prior",
+                    format!("the standard deviation of {} must not be below 0, but is {of}", group.name),
+                ));
             }
             let single = Terms::new(&[group.name]).map_err(|fault| refused("terms", fault.to_string()))?;
             sigma.extend(std::iter::repeat_n(of, single.len()));

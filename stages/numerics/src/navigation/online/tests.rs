@@ -13,7 +13,7 @@ use crate::random::Normals;
 use flights::{Flight, ROWS, bits, sloping, wavy};
 use std::sync::Arc;
 
-/// All that the filter hands out.
+/// All that the filter returns.
 const ALL: OnlineParameters =
     OnlineParameters { gate_nis: None, keep_states: true, keep_covariance: true, keep_coefficients: true };
 

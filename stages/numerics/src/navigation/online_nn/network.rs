@@ -8,7 +8,7 @@ use crate::random::Normals;
 use super::super::online::augmented::refused;
 
 choice! {
-    /// What a hidden unit makes of its sum.
+    /// Activation function.
     #[derive(Default)]
     pub enum Activation {
         /// z/(1 + e⁻ᶻ): swish, or SiLU.
@@ -68,7 +68,8 @@ impl Network {
         output_nt: f64,
     ) -> Result<Self, ParameterError> {
         if inputs == 0 || hidden == 0 || !features.len().is_multiple_of(inputs.max(1)) {
-            let what = format!("{} values are no rows of {inputs} features for {hidden} hidden units", features.len());
+            let what =
+                format!("{} values are not whole rows of {inputs} features for {hidden} hidden units", features.len());
             return Err(refused("hidden", what));
         }
         if !(output_nt > 0.0 && output_nt.is_finite()) {
@@ -83,7 +84,7 @@ impl Network {
             let spread = (column.iter().map(|x| (x - middle).powi(2)).sum::<f64>() / count).sqrt();
             // A constant column leaves the rounding of its mean.
             if !(spread > 1e-9 * middle.abs() && spread.is_finite()) {
-                let what = format!("feature {input} is constant in the calibration, which does not tell what it does");
+                let what = format!("feature {input} is constant in the calibration, so its effect cannot be estimated");
                 return Err(refused("features", what));
             }
             mean.push(middle);
@@ -107,7 +108,10 @@ impl Network {
         let positive = |x: &f64| *x > 0.0 && x.is_finite();
         let inputs = mean.len();
         if inputs == 0 || hidden == 0 || deviation.len() != inputs {
-            let what = format!("{inputs} means and {} deviations are no scaling for a network", deviation.len());
+            let what = format!(
+                "{inputs} means and {} standard deviations do not scale the features of a network",
+                deviation.len()
+            );
             return Err(refused("features", what));
         }
         if !(positive(&output_nt) && deviation.iter().all(positive) && mean.iter().all(|m| m.is_finite())) {

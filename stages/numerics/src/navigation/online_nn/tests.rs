@@ -181,8 +181,8 @@ fn law_bad_networks_are_refused_in_words() {
     let words = |inputs: usize, hidden: usize, output_nt: f64, features: &[f64]| {
         Network::new(features, inputs, hidden, Activation::Tanh, output_nt).unwrap_err().to_string()
     };
-    assert_eq!(words(3, 0, 1.0, &features), "150 values are no rows of 3 features for 0 hidden units");
-    assert_eq!(words(4, 2, 1.0, &features), "150 values are no rows of 4 features for 2 hidden units");
+    assert_eq!(words(3, 0, 1.0, &features), "150 values are not whole rows of 3 features for 0 hidden units");
+    assert_eq!(words(4, 2, 1.0, &features), "150 values are not whole rows of 4 features for 2 hidden units");
     assert_eq!(words(3, 2, 0.0, &features), "the scale of the output must be above 0 nT: 0");
     let mut constant = features.clone();
     constant.chunks_exact_mut(3).for_each(|row| row[1] = 0.1);

@@ -6,7 +6,7 @@ use super::super::online::augmented::{check_covariance, refused};
 use super::super::online::covariance::{Covariance, Scalar, dot};
 use super::Network;
 
-/// What is known of the weights before a line.
+/// Prior of the weights of a line.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct NetworkPrior {
     /// The weights.
@@ -27,19 +27,19 @@ pub struct Calibration<'a> {
     pub tt_s: &'a [f64],
     /// The features, row-major.
     pub features: &'a [f64],
-    /// The aircraft's field, in nT; rows where it is not finite, or a feature is not, are left out.
+    /// Aircraft field, in nT. Rows where it or a feature is not finite are skipped.
     pub aircraft_nt: &'a [f64],
 }
 
-/// How a network is trained.
+/// Parameters of the training.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrainingParameters {
     /// The seed of the first weights.
     pub seed: u64,
     /// The noise of the aircraft's field in the calibration, in nT.
     pub sigma_nt: f64,
-    /// How often the calibration is gone through. Each pass begins with the weights of the one before and the prior
-    /// covariance, so that the covariance is that of seeing the samples once.
+    /// Number of passes over the calibration. Each pass starts from the weights of the previous pass and the prior
+    /// covariance, so the covariance is that of a single pass.
     pub passes: usize,
     /// The time, in s, in which the weights are expected to change by as much as the calibration leaves unknown.
     pub memory_s: f64,
@@ -51,7 +51,7 @@ impl Default for TrainingParameters {
     }
 }
 
-/// The recursion (5.43)-(5.45) of thesis 000 with the regressor φ = ∂m/∂w where it prints β:
+/// The recursion (5.43)-(5.45) of Gnadt 2022 with the regressor φ = ∂m/∂w where it prints β:
 ///
 /// ```text
 /// K = P φ/(σ² + φᵀ P φ),      w ← w + K (y − m(w)),      P ← (I − K φᵀ) P (I − K φᵀ)ᵀ + K σ² Kᵀ
@@ -105,7 +105,7 @@ impl<'a> Recursion<'a> {
 ///
 /// Changes Δw of weights that do not walk have the squares P_half − P_end in the mean; what is above that is walk.
 /// `memory_s` bounds it from below, as many weights show none. (MagNav.jl takes the smallest |Δw| of any step, and the
-/// covariance from a recursion whose regressor is the weights, as the thesis prints it.)
+/// covariance from a recursion whose regressor is the weights, as Gnadt 2022 prints it.)
 ///
 /// # Errors
 /// Fails for columns of different lengths, times that do not ascend, fewer than four usable rows, parameters that are
@@ -149,7 +149,7 @@ pub fn train(
         }
     }
     if !(recursion.weights.iter().sum::<f64>().is_finite() && recursion.p.is_sound()) {
-        return Err(refused("features", "the training does not stay finite"));
+        return Err(refused("features", "the training diverged"));
     }
     let missed = |row: &Row| (row.field_nt - network.value(&row.inputs, &recursion.weights)).powi(2);
     let misfit_nt = (rows.iter().map(missed).sum::<f64>() / rows.len() as f64).sqrt();
@@ -167,7 +167,7 @@ pub fn train(
 }
 
 impl NetworkPrior {
-    /// Refuses what does not belong to a network.
+    /// Rejects sizes that differ from the network.
     pub(crate) fn check(&self, network: &Network) -> Result<(), ParameterError> {
         let states = network.weights();
         if self.weights.len() != states || self.walk_density.len() != states {

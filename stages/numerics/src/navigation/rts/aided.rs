@@ -1,4 +1,4 @@
-//! The same smoother with further measurements beside the scalar field.
+//! The smoother with further measurements besides the scalar field.
 
 use crate::navigation::aids::{AidInnovations, Aids, Usage};
 use crate::navigation::fixed_lag::whole::smooth;
@@ -13,9 +13,9 @@ use super::{SmootherParameters, SmootherReport};
 pub struct AidedSmootherOutput {
     /// The line, as that of [`SmootherOutput`](super::SmootherOutput).
     pub line: NavigationOutput,
-    /// How the iteration went; the size of its last step in standard deviations is not known.
+    /// Report on the iteration. The size of its last step in standard deviations is unknown.
     pub iterations: SmootherReport,
-    /// What became of each sample.
+    /// Outcome of each sample.
     pub usage: Vec<Usage>,
     /// Innovations of the further measurements, of the last forward pass.
     pub aids: AidInnovations,
@@ -23,13 +23,13 @@ pub struct AidedSmootherOutput {
     pub slope_nt_per_m: Vec<f64>,
 }
 
-/// [`run`](super::run) with further measurements: the most probable trajectory of all states, by Gauss and Newton's iteration from
-/// the path of the extended Kalman filter. It takes some 15 kB a sample, and one start where [`run`](super::run) has four, so that
-/// an initial error too large for the map ends in another valley. A loss is of the scalar field alone. Where the map is too flat
-/// at the estimate of that filter, the scalar field is not used.
+/// [`run`](super::run) with further measurements: the most probable trajectory of all states, by Gauss and Newton's
+/// iteration from the path of the extended Kalman filter. It takes some 15 kB a sample, and one start where
+/// [`run`](super::run) has four, so that an initial error too large for the map ends in another valley. A loss is of
+/// the scalar field alone. Where the map is too flat at the estimate of that filter, the scalar field is not used.
 ///
 /// # Errors
-/// As [`run`](super::run) and [`Aids::check`].
+/// Fails as [`run`](super::run) and [`Aids::check`].
 pub fn run_aided(
     line: &NavigationLine<'_>,
     parameters: &SmootherParameters,

@@ -22,7 +22,7 @@ const BLOCK: usize = 64;
 /// A trajectory and the field along it.
 type Along<'a> = (&'a [StateVector], &'a [Option<FieldValue>]);
 
-/// What the map is linearised at, and what the residuals are that a robust loss weights by.
+/// Linearisation point of the map, and the residuals that determine the weights of a robust loss.
 #[derive(Clone, Copy)]
 pub(super) enum About<'a> {
     /// The most probable state after each measurement and those before it.
@@ -69,11 +69,11 @@ struct Filtered {
     phi: StateMatrix,
     /// After its measurement.
     estimate: Estimate,
-    /// The positions from elsewhere, and the measurement.
+    /// The aiding positions, and the measurement.
     used: [Option<Used>; 4],
 }
 
-/// A pass, and what the last one found beside its solution.
+/// A pass, with by-products of its last solution.
 pub(super) struct Pass<'a> {
     line: &'a NavigationLine<'a>,
     loss: RobustLoss,
@@ -145,7 +145,7 @@ impl<'a> Pass<'a> {
         Ok(())
     }
 
-    /// The positions from elsewhere of a row.
+    /// The aiding positions of a row.
     #[inline(always)]
     fn aid(&self, row: usize, estimate: &mut Estimate) -> [Option<Used>; 3] {
         self.line.fixes_at(row).map(|fix| fix.map(|fix| LinearMeasurement::of_fix(&fix).correct(estimate)))

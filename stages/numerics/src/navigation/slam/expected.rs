@@ -1,4 +1,4 @@
-//! What each particle expects to measure, by the earlier measurements along its own path.
+//! Prediction of the measurement of each particle from the earlier measurements along its own path.
 
 use rayon::prelude::*;
 
@@ -17,7 +17,7 @@ const MOST_CANDIDATES: usize = 512;
 const SCOUTS: usize = 64;
 /// Radii that have to be flown before a sample is an earlier one: particles may have half of the speed.
 const RADII_FLOWN: f64 = 2.5;
-/// Candidates are within the radius of a particle that is so many standard deviations from the mean.
+/// Distance from the mean, in standard deviations, of a particle whose radius contains all candidates.
 const SPREADS: f64 = 3.0;
 
 /// The rules of the expected measurement, with every default made a number.
@@ -31,7 +31,7 @@ pub struct Rules {
     pub temporal: (f64, f64),
     /// Earlier samples of one prediction.
     pub neighbours: usize,
-    /// Last samples beside them; none but by nearest neighbours.
+    /// Number of most recent samples in addition; 0 unless by nearest neighbours.
     pub recent: usize,
     /// Earlier samples are older than this, in s.
     pub ignore_s: f64,
@@ -50,10 +50,9 @@ pub struct Rules {
 }
 
 impl Rules {
-    /// The rules of the parameters, for samples so many metres apart at so many metres a second.
+    /// Rules of the parameters for the distance between samples, in m, and the speed, in m/s.
     ///
-    /// What lies behind on a straight line is no revisit: samples are earlier ones only when two and a half radii
-    /// have been flown since.
+    /// A straight line has no revisits: samples count as earlier samples only after a flight of two and a half radii.
     pub fn of(
         parameters: &SlamParameters,
         kernel: Kernel,
@@ -122,7 +121,7 @@ impl Candidate<'_> {
     }
 }
 
-/// What a particle expects.
+/// Prediction of a particle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Prediction {
     /// The value measured less the one expected, in nT.
@@ -237,7 +236,8 @@ impl Map {
         out.into_iter().step_by(stride).collect()
     }
 
-    /// What each particle expects of a sample, given its displacement now, in m; `None` where none of them revisits.
+    /// Prediction of each particle for a sample, given its present displacement, in m; `None` where no particle
+    /// revisits.
     pub fn predict(&mut self, now: &Sample, now_m: &[[f64; 2]]) -> Option<Vec<Prediction>> {
         self.age(now.tt_s, now_m.len());
         let (mean, spread_m) = spread(now_m.len(), |particle| now_m[particle]);
@@ -314,7 +314,7 @@ impl View<'_> {
         Prediction { residual_nt: measured_nt - value_nt, variance_nt2: variance_nt2 + white, revisits }
     }
 
-    /// The field at the particle given samples whose positions, times, values and noise are handed in.
+    /// Field at the particle, given samples with their positions, times, values and noise.
     fn field(&self, samples: &[Sighting], temporal: (f64, f64), mean_nt2: f64) -> Option<Expected> {
         let kernel = &self.rules.kernel;
         let n = samples.len();
@@ -356,7 +356,7 @@ impl View<'_> {
         self.field(&samples[..count], self.rules.temporal, self.rules.kernel.mean_nt2())
     }
 
-    /// By the earlier samples within the radius, whose mean is the prior mean. [thesis 001, (85)]
+    /// By the earlier samples within the radius, whose mean is the prior mean. [Lee 2019, (85)]
     fn regression(&self, chosen: &Chosen, old: &[Candidate<'_>]) -> Option<Expected> {
         let mut samples = [Sighting::default(); MOST_NEIGHBOURS];
         for ((_, at_m, place), sample) in chosen.iter().zip(&mut samples) {
@@ -392,7 +392,7 @@ impl Chosen {
         self.members[..self.count].iter()
     }
 
-    /// Inserts by distance, and keeps at most so many.
+    /// Inserts by distance, up to a maximum number.
     #[inline(always)]
     fn insert(&mut self, member: (f64, [f64; 2], u32), most: usize) {
         let mut place = self.count.min(most - 1);

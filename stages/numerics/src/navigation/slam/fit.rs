@@ -5,13 +5,13 @@ use nalgebra::{Cholesky, DMatrix, DVector};
 use super::kernel::Kernel;
 use super::samples::Sample;
 
-/// The most samples that the likelihood looks at: the work grows with their third power.
+/// Maximum number of samples in the likelihood. Computing time grows with its third power.
 const MOST: usize = 200;
 /// The fewest samples that three hyper-parameters are fitted to.
 pub(in crate::navigation) const FEWEST: usize = 20;
 /// The most evaluations of the likelihood.
 const EVALUATIONS: usize = 400;
-/// A fitted length is at most this part of the path looked at: longer ones cannot be told from a slope.
+/// Maximum of a fitted length, as a fraction of the path used: longer lengths are indistinguishable from a slope.
 pub(in crate::navigation) const LONGEST: f64 = 0.5;
 
 /// Measurements along a path, in time order.
@@ -28,8 +28,8 @@ pub struct AlongTrack {
 }
 
 impl AlongTrack {
-    /// The samples of the first so many seconds; of more than 200 a run of 200 neighbours each would see too little of the
-    /// path, so that every second, third, … is taken.
+    /// Samples of the first `window_s` seconds. If there are more than 200, every second, third, … is used, because a
+    /// run of 200 neighbours would cover too little of the path.
     pub fn of(samples: &[Sample], window_s: f64) -> Self {
         let first_s = samples.first().map_or(0.0, |sample| sample.tt_s);
         let count = samples.partition_point(|sample| sample.tt_s - first_s <= window_s);
@@ -51,7 +51,7 @@ impl AlongTrack {
 
     /// The logarithm of the likelihood of a kernel, with the mean that is most likely and a temporal variation of this
     /// standard deviation (nT) and correlation time (s); minus infinity for a covariance that is not positive.
-    /// [thesis 001, (53)]
+    /// [Lee 2019, (53)]
     pub fn log_likelihood(&self, kernel: &Kernel, temporal: (f64, f64)) -> f64 {
         let n = self.value_nt.len();
         let (sigma_nt, tau_s) = temporal;

@@ -1,28 +1,28 @@
-//! Positions from elsewhere, such as those of a GNSS receiver.
+//! Aiding positions, such as those of a GNSS receiver.
 //!
-//! A fix measures one state, y = x_s + e with the variance R of e. With the mean m and covariance P of all that is known then
-//! it is a Kalman update,
+//! A fix measures one state, y = x_s + e with the variance R of e. With the present mean m and covariance P it is a
+//! Kalman update,
 //!
 //! ```text
 //! K = P_s/(P_ss + R),    m ← m + K (y − m_s),    P ← (I − K hᵀ) P (I − K hᵀ)ᵀ + R K Kᵀ
 //! ```
 //!
-//! from which all particles go on: each of them draws its position of the step from N(m, P), and its other states follow by
-//! their regression, as at the start of a flight. Until the field weighs the particles, m and P are those of the Kalman
-//! filter, which runs along; after it they are those of the particles with what they do not show ([`super::resolution`]). So
-//! without a revisit it is the Kalman filter to rounding, and a cloud that has lost the aircraft by more than its width is
-//! brought back, which no weighting does.
+//! from which all particles continue. Each draws its position of the step from N(m, P), and its other states follow by
+//! regression, as at the start of a flight. Until the field weights the particles, m and P are those of a Kalman filter
+//! that runs in parallel; afterwards they are those of the particles with their lost variance ([`super::resolution`]).
+//! Without a revisit the result therefore equals the Kalman filter to rounding. A cloud that has lost the aircraft by
+//! more than its width is brought back, which weighting cannot do.
 //!
-//! The *paths* are weighted by how well each particle foresaw the fix, with the covariance C = Φ P Φᵀ + Q that it has given
-//! its path, so that fixes after a loss choose the maps that agree with them:
+//! The *paths* are weighted by each particle's prediction of the fix, with its covariance C = Φ P Φᵀ + Q given its
+//! path, so that fixes after a loss select the maps that agree with them:
 //!
 //! ```text
 //! log q ← log q − (y − x_s)²/2(C_ss + R)
 //! ```
 //!
-//! The positions drawn do not depend on that weight, so that no fix counts twice. Approximate are that P is taken to be all
-//! of the distribution, as by any Kalman filter, and that the errors of the position from step to step under GNSS are
-//! independent in the map, where they last for as long as the Kalman filter remembers.
+//! The drawn positions do not depend on that weight, so no fix counts twice. There are two approximations: P is the
+//! whole distribution, as in any Kalman filter; and the position errors from step to step under GNSS are independent in
+//! the map, although they persist over the memory of the Kalman filter.
 
 use crate::navigation::pinson::{STATES, StateMatrix, StateVector};
 use crate::navigation::position_fixes::StateFix;
@@ -69,7 +69,7 @@ pub(super) fn update(x: &mut StateVector, p: &mut StateMatrix, fix: &StateFix) {
 }
 
 impl Particles {
-    /// Weights the particles by a fix, each of which then knows it.
+    /// Weights the particles by a fix, and conditions each on it.
     pub(super) fn foresee(&mut self, fix: &StateFix) {
         let (gain, total) = (gain(&self.linear, fix), self.linear[fix.state][fix.state] + fix.variance);
         let logs: Vec<f64> = self.x.iter().map(|x| -0.5 * (fix.error - x[fix.state]).powi(2) / total).collect();

@@ -1,4 +1,4 @@
-//! Where earlier samples are.
+//! Spatial index of earlier samples.
 
 use std::collections::HashMap;
 
@@ -13,7 +13,7 @@ pub struct Index {
 }
 
 impl Index {
-    /// Cells of this size in m, which take so many samples each.
+    /// Index with cells of this size, in m, and this number of samples per cell at most.
     pub fn new(cell_m: f64, most: usize) -> Self {
         Self { cell_m, most, cells: HashMap::new(), places: vec![] }
     }

@@ -11,20 +11,20 @@ const ROWS: usize = MOST_NEIGHBOURS + 2;
 const MEAN_SIGMAS: f64 = 10.0;
 
 choice! {
-    /// How the covariance of the anomaly falls with distance.
+    /// Covariance function of the anomaly over distance.
     #[derive(Default)]
     pub enum Covariance {
-        /// σ² (1 + √5 d/l + 5d²/3l²) exp(−√5 d/l): twice differentiable, as rough as fields measured near their sources are.
+        /// σ² (1 + √5 d/l + 5d²/3l²) exp(−√5 d/l): twice differentiable, as rough as fields near their sources.
         #[default]
         Matern52 = "matern_5_2",
         /// σ² (1 + √3 d/l) exp(−√3 d/l): once differentiable.
         Matern32 = "matern_3_2",
-        /// σ² exp(−d²/2l²): smoother than any field with sources. [thesis 001, (43)]
+        /// σ² exp(−d²/2l²): smoother than any field with sources. [Lee 2019, (43)]
         SquaredExponential = "squared_exponential",
     }
 }
 
-/// The covariance of the anomaly, with white noise. [thesis 001, (45)]
+/// Covariance of the anomaly, with white noise. [Lee 2019, (45)]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Kernel {
     /// Its form.
@@ -33,19 +33,19 @@ pub struct Kernel {
     pub sigma_se_nt: f64,
     /// Its correlation length l, in m.
     pub length_m: f64,
-    /// What is white beside the noise of the measurements, in nT.
+    /// Standard deviation of the white part of the anomaly, in addition to the measurement noise, in nT.
     pub sigma_n_nt: f64,
 }
 
 impl Default for Kernel {
-    /// That of the flight over Louisa. [thesis 001, appendix A.1.2]
+    /// Kernel of the Louisa flight. [Lee 2019, appendix A.1.2]
     fn default() -> Self {
         Self { covariance: Covariance::default(), sigma_se_nt: 50.0, length_m: 150.0, sigma_n_nt: 1.0 }
     }
 }
 
 impl Kernel {
-    /// Refuses a kernel that is none.
+    /// Rejects an invalid kernel.
     ///
     /// # Errors
     /// Fails for a standard deviation of the process or a length not above 0, and a negative or missing noise.
@@ -72,8 +72,9 @@ impl Kernel {
         }
     }
 
-    /// How the covariance changes with the distance vector d of its points: its gradient is −`first` d, its matrix of second
-    /// derivatives `second` d dᵀ − `first` I, and its derivative by the logarithm of the length `first` |d|².
+    /// Derivatives of the covariance with respect to the distance vector d of its points: the gradient is −`first` d,
+    /// the matrix of second derivatives `second` d dᵀ − `first` I, and the derivative by the logarithm of the length
+    /// `first` |d|².
     #[inline(always)]
     pub(super) fn bends(&self, distance2_m2: f64) -> Bends {
         let (power, per_m2) = (self.sigma_se_nt * self.sigma_se_nt, 1.0 / (self.length_m * self.length_m));
@@ -128,7 +129,7 @@ pub(super) struct Bends {
     pub(super) second: f64,
 }
 
-/// What is expected at a point.
+/// Prediction at a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Expected {
     /// The mean, in nT.
@@ -145,7 +146,7 @@ pub struct Bordered {
 }
 
 impl Bordered {
-    /// For at most [`MOST_NEIGHBOURS`] samples; more are left out.
+    /// Problem of at most [`MOST_NEIGHBOURS`] samples; further ones are ignored.
     pub fn new(samples: usize) -> Self {
         Self { columns: [[0.0; ROWS]; ROWS], samples: samples.min(MOST_NEIGHBOURS) }
     }
@@ -161,8 +162,8 @@ impl Bordered {
         }
     }
 
-    /// Mean and variance of the point, by elimination without square roots; `None` where the covariance of the samples is
-    /// not positive. [thesis 001, (51), (52)]
+    /// Mean and variance of the point, by elimination without square roots; `None` where the covariance of the samples
+    /// is not positive. [Lee 2019, (51), (52)]
     pub fn solve(mut self) -> Option<Expected> {
         let n = self.samples;
         for pivot in 0..n {

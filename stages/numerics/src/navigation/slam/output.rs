@@ -1,4 +1,4 @@
-//! What the filter makes of a line.
+//! Output of the filter on a line.
 
 use crate::navigation::NavigationOutput;
 
@@ -8,7 +8,7 @@ use super::particles::Particles;
 use super::samples::{LocalFrame, Sample};
 use super::smoother::SmootherReport;
 
-/// How the flight went.
+/// Report on the flight.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SlamReport {
     /// The hyper-parameters that were used.
@@ -22,17 +22,18 @@ pub struct SlamReport {
     pub resamplings: usize,
     /// The most generations that the history had at once.
     pub generations: usize,
-    /// The largest squared correction of the position over the covariance of the INS alone: chi-square of 2 degrees where
-    /// filter and INS are as good as they say.
+    /// Largest squared correction of the position over the covariance of the INS alone: chi-square of 2 degrees of
+    /// freedom if filter and INS are consistent.
     pub largest_correction: f64,
-    /// How the smoother went; `None` where none was asked for, or where it has no solution and the filter's track is left.
+    /// Report on the smoother; `None` if it was not requested, or has no solution so that the filter's track is
+    /// returned.
     pub smoother: Option<SmootherReport>,
 }
 
 /// The filtered line.
 ///
-/// In `navigation.report`, `off_map` counts the samples with a measurement that was not weighted by itself: nobody had been
-/// near before, or it was averaged into that of the step.
+/// In `navigation.report`, `off_map` counts the samples whose measurement had no separate weight: no particle had
+/// been nearby before, or the measurement was averaged into that of the step.
 #[derive(Clone, Debug)]
 pub struct SlamOutput {
     /// The estimate at each sample, of the measurements up to it.
@@ -45,7 +46,7 @@ pub struct SlamOutput {
     pub path: Vec<PathSample>,
     /// The frame of `path`.
     pub frame: LocalFrame,
-    /// How the flight went.
+    /// Report on the flight.
     pub report: SlamReport,
 }
 

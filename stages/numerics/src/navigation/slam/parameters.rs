@@ -1,4 +1,4 @@
-//! What the filter is told.
+//! Parameters of the filter.
 
 use crate::navigation::ins_error::{InsErrorModel, ParameterError, require};
 use params::{Rule, choice};
@@ -7,31 +7,31 @@ use super::kernel::{Kernel, MOST_NEIGHBOURS};
 use super::smoother::SmootherParameters;
 
 choice! {
-    /// How a measurement is predicted from the earlier ones.
+    /// Prediction of a measurement from earlier ones.
     #[derive(Default)]
     pub enum ExpectedMeasurement {
-        /// The Gaussian process of the anomaly, of the temporal variation and of the noise, conditioned on the nearest
-        /// earlier samples and on the last few ones. Successive weights multiply to the likelihood of the whole flight
-        /// (Vecchia's approximation of it), because the last samples are conditioned on too.
-        /// [Vecchia 1988; Datta et al. 2016]
+        /// Gaussian process of the anomaly, the temporal variation and the noise, conditioned on the nearest earlier
+        /// samples and on the most recent ones. Successive weights multiply to the likelihood of the whole flight
+        /// (Vecchia's approximation), because the most recent samples are conditioned on too. [Vecchia 1988; Datta et
+        /// al. 2016]
         #[default]
         NearestNeighbour = "nearest_neighbour",
-        /// Gaussian-process regression on the earlier samples within a radius, whose mean is the prior mean; successive
-        /// weights are taken as independent. [thesis 001, (82)-(85)]
+        /// Gaussian-process regression on the earlier samples within a radius, whose mean is the prior mean. Successive
+        /// weights are assumed independent. [Lee 2019, (82)-(85)]
         Regression = "regression",
-        /// The mean of the earlier samples within a radius, weighted by the inverse squared distance.
+        /// Mean of the earlier samples within a radius, weighted by the inverse squared distance.
         InverseDistance = "inverse_distance",
     }
 }
 
 choice! {
-    /// Where the hyper-parameters of the Gaussian process come from.
+    /// Source of the hyper-parameters of the Gaussian process.
     #[derive(Default)]
     pub enum HyperparameterSource {
-        /// They are the maximum of the likelihood of the first part of the flight. [thesis 001, (53)]
+        /// Maximum likelihood on the first part of the flight. [Lee 2019, (53)]
         #[default]
         Fitted = "fitted",
-        /// They are given.
+        /// From the spec.
         Fixed = "fixed",
     }
 }
@@ -39,25 +39,26 @@ choice! {
 /// The parameters of the filter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SlamParameters {
-    /// The number of particles.
+    /// Number of particles.
     pub particles: usize,
-    /// The seed of every draw.
+    /// Seed of all random draws.
     pub seed: u64,
-    /// Particles are propagated and weighted at most this often, in s; the samples in between are averaged.
+    /// Minimum time between two updates of the particles, in s. Samples within it are averaged.
     pub update_interval_s: f64,
-    /// How a measurement is predicted.
+    /// Prediction of a measurement from earlier ones.
     pub expected: ExpectedMeasurement,
     /// Whether `kernel` is fitted first.
     pub hyperparameters: HyperparameterSource,
     /// The Gaussian process of the anomaly; where it is fitted, where the search starts.
     pub kernel: Kernel,
-    /// The length of the first part of the flight that the fit looks at, in s.
+    /// Length of the first part of the flight used by the fit, in s.
     pub fit_window_s: f64,
-    /// The most earlier samples that a prediction is made of.
+    /// Maximum number of earlier samples in a prediction.
     pub neighbours: usize,
-    /// The last samples that a prediction by nearest neighbours is conditioned on beside them.
+    /// Number of most recent samples that a prediction by nearest neighbours also uses.
     pub recent: usize,
-    /// Earlier samples are those before the last so many seconds, and before the last two and a half radii flown.
+    /// Time before a sample, in s, within which samples do not count as earlier samples; at least the time of flight
+    /// over two and a half radii.
     pub ignore_s: f64,
     /// A particle revisits by `regression` and `inverse_distance` when more than `trigger_points` earlier samples are
     /// within this radius, in m; `None` is the larger of 18 m and 1.6 times the mean distance between samples.
@@ -70,17 +71,17 @@ pub struct SlamParameters {
     /// Earlier samples at a height that differs by more than this, in m, are not used; below it the difference adds
     /// the variance 2 (sigma_se Δh / length)², that of the vertical derivative of a potential field.
     pub max_height_difference_m: f64,
-    /// Standard deviation of a prediction by `inverse_distance`, in nT. [thesis 001, section 3.3.3: R = 100 nT²]
+    /// Standard deviation of a prediction by `inverse_distance`, in nT. [Lee 2019, section 3.3.3: R = 100 nT²]
     pub interpolant_sigma_nt: f64,
-    /// Particles are resampled when the effective number falls below this fraction of all. [thesis 001, (77)]
+    /// Effective number of particles, as a fraction of all, below which they are resampled. [Lee 2019, (77)]
     pub resample_below: f64,
-    /// A measurement whose squared innovation over its variance is above this is left out; `None` uses every one.
+    /// Largest NIS of a measurement; larger ones are rejected. `None` uses every measurement.
     pub gate_nis: Option<f64>,
     /// Hand out the most probable track of the whole flight in place of the filter's; see [`super::smoother`].
     pub smoother: Option<SmootherParameters>,
-    /// Hand out the error states of every sample.
+    /// Returns the error states of every sample.
     pub keep_states: bool,
-    /// Hand out the covariance of every sample; a smoothed track has none but that of its position.
+    /// Returns the covariance of every sample; a smoothed track has none but that of its position.
     pub keep_covariance: bool,
 }
 
@@ -115,7 +116,7 @@ impl Default for SlamParameters {
 const PARTICLES: (f64, f64) = (2.0, 1e6);
 
 impl SlamParameters {
-    /// Refuses parameters that make no filter.
+    /// Rejects invalid parameters.
     ///
     /// # Errors
     /// Fails for the first parameter out of its range, and as [`InsErrorModel::check`] for `errors`.

@@ -13,10 +13,9 @@ const DEPENDENT: f64 = 1e-14;
 
 /// The particles.
 ///
-/// `x` has both parts of the state of each: its own latitude and longitude, and the mean of the other 16 states given its
-/// path. Their covariance given the path, `linear`, is common to all, as none of the matrices depends on the particle
-/// [thesis 001, (20)]; its rows and columns of latitude and longitude are zero once the
-/// positions are drawn.
+/// `x` has both parts of the state of each: its own latitude and longitude, and the mean of the other 16 states given
+/// its path. Their covariance given the path, `linear`, is common to all, as none of the matrices depends on the
+/// particle [Lee 2019, (20)]; its rows and columns of latitude and longitude are zero once the positions are drawn.
 #[derive(Clone, Debug)]
 pub struct Particles {
     /// The states, rad, m, m/s, …, truth minus INS.
@@ -46,12 +45,12 @@ impl Moments {
     }
 }
 
-/// The first two columns of the Cholesky factor of a covariance, latitude and longitude, and what is left of it for the
-/// other states once these two are known.
+/// First two columns of the Cholesky factor of a covariance (latitude and longitude), and the covariance of the other
+/// states given these two.
 ///
 /// With C = Φ P Φᵀ + Q this is the time update of the marginalised filter with every cross-covariance of the noise: the
 /// upper two rows of the factor times its transpose are N of (28c), the lower ones times the draw are L (z − A x) of
-/// (28a), and the rest is (28b). [thesis 001, (27)-(29)]
+/// (28a), and the rest is (28b). [Lee 2019, (27)-(29)]
 fn known_positions(c: &StateMatrix) -> ([StateVector; 2], StateMatrix) {
     let mut factor = [[0.0; STATES]; 2];
     if c[LAT][LAT] > 0.0 {
@@ -90,7 +89,7 @@ fn key(seed: u64, step: u64) -> u64 {
 }
 
 impl Particles {
-    /// So many particles, whose positions are not drawn yet: `linear` is the initial covariance of all states.
+    /// New particles without drawn positions: `linear` is the initial covariance of all states.
     pub fn new(count: usize, seed: u64, initial: &StateMatrix) -> Self {
         Self {
             x: vec![[0.0; STATES]; count],
@@ -123,7 +122,7 @@ impl Particles {
         self.spread(c, |x| propagate_state(phi, x), step);
     }
 
-    /// Moves the states, draws the positions, and lets the linear states know them.
+    /// Propagates the states, draws the positions, and conditions the linear states on them.
     fn spread(&mut self, c: &StateMatrix, moved: impl Fn(&StateVector) -> StateVector + Sync, step: u64) {
         let (factor, left) = known_positions(c);
         self.linear = left;
@@ -143,10 +142,10 @@ impl Particles {
     /// After a resampling: moves the particles by a Gaussian kernel of `width` standard deviations of the covariance
     /// `spread` and the mean that they had before it. [Musso, Oudjane & Le Gland 2001]
     ///
-    /// The positions are drawn, and drawn together by √(1 − width²), which leaves their covariance as it is [West 1993]; the
-    /// linear states follow them by regression, and the kernel's part of what the positions leave of `spread` is added to
-    /// the covariance given the path. The paths flown stay: a position makes a step of a fraction of the particles' spread
-    /// against its own past, as if the motion had that much more noise.
+    /// The positions are drawn, and drawn together by √(1 − width²), which leaves their covariance as it is [West
+    /// 1993]; the linear states follow them by regression, and the kernel's part of what the positions leave of
+    /// `spread` is added to the covariance given the path. The paths flown stay: a position makes a step of a fraction
+    /// of the particles' spread against its own past, as if the motion had that much more noise.
     pub fn regularise(&mut self, spread: &StateMatrix, mean: &StateVector, width: f64, step: u64) {
         let (factor, rest) = known_positions(spread);
         let over = |off: f64, root: f64| if root > 0.0 { off / root } else { 0.0 };
@@ -171,7 +170,7 @@ impl Particles {
         }
     }
 
-    /// Weighted mean and covariance. [thesis 001, (19), (24)]
+    /// Weighted mean and covariance. [Lee 2019, (19), (24)]
     pub fn moments(&self) -> Moments {
         let mut mean = [0.0; STATES];
         for (x, weight) in self.x.iter().zip(&self.weights) {
@@ -198,12 +197,13 @@ impl Particles {
         Moments { x: mean, p }
     }
 
-    /// The effective number of particles. [thesis 001, (77)]
+    /// The effective number of particles. [Lee 2019, (77)]
     pub fn effective(&self) -> f64 {
         1.0 / self.weights.iter().map(|weight| weight * weight).sum::<f64>()
     }
 
-    /// Multiplies the weights by the exponentials of `log_likelihood`; false, and nothing done, where no weight is left.
+    /// Multiplies the weights by the exponentials of `log_likelihood`; false, and nothing done, where no weight is
+    /// left.
     pub fn weigh(&mut self, log_likelihood: &[f64]) -> bool {
         let largest = log_likelihood.iter().zip(&self.weights).filter(|(_, weight)| **weight > 0.0);
         let largest = largest.map(|(log, _)| *log).fold(f64::NEG_INFINITY, f64::max);
@@ -222,7 +222,7 @@ impl Particles {
     }
 
     /// Systematic resampling of the members, among themselves: the parent of each particle. Members share their weight
-    /// evenly after it, and are no longer active. [thesis 001, section 5.3.2.4]
+    /// evenly after it, and are no longer active. [Lee 2019, section 5.3.2.4]
     pub fn resample(&mut self, member: impl Fn(usize) -> bool, step: u64) -> Vec<u32> {
         let members: Vec<usize> = (0..self.x.len()).filter(|particle| member(*particle)).collect();
         let mut parents: Vec<u32> = (0..self.x.len() as u32).collect();

@@ -1,13 +1,13 @@
-//! What a number of particles cannot tell: the kernel of a resampling, and the variance that resampling loses.
+//! Resampling: its kernel, and the variance that it loses.
 //!
-//! A resampling takes the part 1/N of the variance of N equal particles and makes it an error of their mean, as drift does
-//! with the variance of a population. A later measurement would correct it, but without a map there are only
-//! measurements relative to the particles' own paths, whose variance goes the same way. So the variance lost is kept, for the
-//! states now and at up to 64 samples of the flight: a resampling adds to each the covariance of the particles there times
-//! Σw²/(1 − Σw²); a revisit that takes the part κ of the particles' variance replaces the part κ of the lost variance now by
-//! that of the samples compared with. (1 − κ) A + κ B is no less than the covariance of such a mixture of two errors of
-//! covariances A and B, however correlated. It is an expectation over seeds, not what one run has lost, and it does not know
-//! of errors of the likelihood.
+//! A resampling turns the fraction 1/N of the variance of N equal particles into an error of their mean, like genetic
+//! drift in a population. A later measurement would correct it, but without a map all measurements are relative to the
+//! particles' own paths, whose variance decreases in the same way. The lost variance is therefore stored, for the
+//! states now and at up to 64 samples of the flight. A resampling adds to each the covariance of the particles there
+//! times Σw²/(1 − Σw²). A revisit that removes the fraction κ of the particles' variance replaces the fraction κ of the
+//! present lost variance by that of the revisited samples. (1 − κ) A + κ B is at least the covariance of such a mixture
+//! of two errors of covariances A and B with any correlation. It is an expectation over seeds, not the loss of one run,
+//! and it excludes errors of the likelihood.
 
 use crate::navigation::pinson::{LAT, LON, STATES, StateMatrix};
 
@@ -26,7 +26,7 @@ pub fn bandwidth(effective: f64) -> f64 {
     effective.max(1.0).powf(-1.0 / 6.0).min(WIDEST)
 }
 
-/// The most particles' worth of variance that one particle stands for: with the whole weight on one there is none to scale.
+/// Maximum scale of the variance of one particle: if one particle has the whole weight, there is no variance to scale.
 const LARGEST_EXCESS: f64 = 50.0;
 
 /// The excess of the unbiased covariance of weighted draws over the plain one, in units of the plain one: with s = Σw² it is

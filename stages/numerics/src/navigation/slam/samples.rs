@@ -14,23 +14,23 @@ use crate::navigation::{NavigationError, NavigationLine};
 pub struct SlamLine<'a> {
     /// The INS.
     pub ins: &'a InsSeries<'a>,
-    /// The measured field at each sample, in nT; NaN where there is none. It holds the core field if, and only if, `core`
-    /// is given.
+    /// The measured field at each sample, in nT; NaN where there is none. It holds the core field if, and only if,
+    /// `core` is given.
     pub measurement_nt: &'a [f64],
     /// The standard deviation of the white noise of each measurement, in nT; a value that is not above 0 makes its
     /// measurement a missing one.
     pub sigma_nt: &'a [f64],
     /// The core field. It only takes the slope of the field away, which makes the anomaly's process fit better.
     pub core: Option<&'a Arc<CoreField>>,
-    /// Positions from elsewhere, each used before the measurement of its sample.
+    /// Aiding positions, each used before the measurement of its sample.
     pub fixes: Option<&'a PositionFixes>,
     /// The error sources of the INS and the temporal variation.
     pub errors: InsErrorModel,
 }
 
 impl<'a> From<&NavigationLine<'a>> for SlamLine<'a> {
-    /// The line without its map and without its offset window, which a filter without a map has no use for: a constant in
-    /// the measurement is part of the unknown map.
+    /// The line without its map and without its offset window, which a filter without a map has no use for: a constant
+    /// in the measurement is part of the unknown map.
     fn from(line: &NavigationLine<'a>) -> Self {
         let NavigationLine { ins, measurement_nt, sigma_nt, core, errors, fixes, .. } = *line;
         Self { ins, measurement_nt, sigma_nt, core, fixes, errors }
@@ -38,11 +38,11 @@ impl<'a> From<&NavigationLine<'a>> for SlamLine<'a> {
 }
 
 impl SlamLine<'_> {
-    /// Refuses a line that cannot be filtered.
+    /// Rejects a line that cannot be filtered.
     ///
     /// # Errors
-    /// Fails as [`InsErrorModel::check`], [`InsSeries::check`] and [`PositionFixes::check`], and with [`SeriesError::Length`](crate::navigation::SeriesError) for columns of
-    /// different lengths.
+    /// Fails as [`InsErrorModel::check`], [`InsSeries::check`] and [`PositionFixes::check`], and with
+    /// [`SeriesError::Length`](crate::navigation::SeriesError) for columns of different lengths.
     pub fn check(&self) -> Result<(), NavigationError> {
         self.errors.check()?;
         self.ins.check()?;

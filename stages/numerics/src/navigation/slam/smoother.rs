@@ -1,4 +1,4 @@
-//! The smoother behind the filter: the most probable track of the whole flight, given all of its measurements.
+//! The smoother after the filter: the most probable track of the whole flight given all its measurements.
 //!
 //! | Module | Contents |
 //! |:--|:--|
@@ -10,9 +10,9 @@
 //!
 //! # Equations
 //!
-//! The position error over the line is Gaussian, with the covariance of the chain of all steps, x ← Φ x + w; it is written
-//! as δ = B u with u ~ N(0, I) ([`motion::Functions`]). The map is not a state: given the path p = p_ins + B u the
-//! measurements are jointly Gaussian [Lawrence 2003],
+//! The position error over the line is Gaussian, with the covariance of the chain of all steps, x ← Φ x + w; it is
+//! written as δ = B u with u ~ N(0, I) ([`motion::Functions`]). The map is not a state: given the path p = p_ins + B u
+//! the measurements are jointly Gaussian [Lawrence 2003],
 //!
 //! ```text
 //! z ~ N(μ, C(p)),    C = K(p, p) + σ_S² exp(−|t − t'|/τ) + R
@@ -24,29 +24,29 @@
 //! J(u) = (z − μ)ᵀ C⁻¹ (z − μ)/2 + log |C|/2 + uᵀu/2
 //! ```
 //!
-//! The map integrated out, J does not depend on where the flight is as a whole, only on how its parts lie to each other, so
-//! that what no revisit tells keeps the covariance of the INS. A map linearised about an estimate, f + g·δ, would claim to
-//! know it: a shift of all positions is not free there. Gradient and matrix of second derivatives are exact. The step is
-//! Newton's, without those curvatures of the likelihood that are negative, halved until J does not rise. The covariance
-//! of u is the inverse of the matrix at the optimum (Laplace), with the slopes of this field and not those that the kernel
-//! expects. Where the hyper-parameters are fitted, each pass begins with a step of Fisher's scoring of them by the same
-//! likelihood.
+//! Since the map is integrated out, J depends only on the relative positions of the parts of the flight. Errors that no
+//! revisit observes therefore keep the covariance of the INS. A map linearised about an estimate, f + g·δ, would fix a
+//! common shift of all positions. Gradient and matrix of second derivatives are exact. The step is Newton's, without
+//! the negative curvatures of the likelihood, halved until J does not rise. The covariance of u is the inverse of the
+//! matrix at the optimum (Laplace), with the slopes of this field instead of those that the kernel predicts. If the
+//! hyper-parameters are fitted, each pass begins with a Fisher-scoring step for them by the same likelihood.
 //!
-//! Positions from elsewhere are measurements of δ, and add a quadratic form in u. With a gate the measurements that it leaves
-//! out of the filter are left out, and once those that all others tell to be outliers.
+//! Aiding positions are measurements of δ and add a quadratic form in u. With a gate, the measurements that the filter
+//! rejected are skipped, and, once, the outliers of the leave-one-out residuals.
 //!
-//! J may have several optima. Three searches with half of the measurements look for the deepest: from the path of the filter
-//! (the mean of the particles' histories); from it with a kernel whose white part is large, which makes valleys wide, and is
-//! narrowed as the fit goes on; and from the INS, where it is exact at first, with the flight taken in part by part, so
-//! that each part is foreseen by those before. Where on the best the measurements of two visits contradict each other
-//! ([`evidence`](mod@evidence)), four more searches take smaller parts in, or wider valleys. The best goes on with all measurements. What comes
-//! out is more probable than the path of the filter, or not taken.
+//! J may have several optima. Three searches with half of the measurements look for the deepest one. The first starts
+//! from the path of the filter (the mean of the particles' histories). The second starts there with a large white part
+//! of the kernel, which widens the valleys and is reduced during the fit. The third starts from the INS where it is
+//! exact at first, and adds the flight part by part, so that each part is predicted from the earlier ones. If the
+//! measurements of revisits contradict each other on the best track ([`evidence`](mod@evidence)), four more searches
+//! add smaller parts or widen the valleys. The best search continues with all measurements. Its result is used only if
+//! it is more probable than the path of the filter.
 //!
 //! # Cost
 //!
-//! With n measurements a pass is some 15 n³ multiplications on all threads, and memory is 70 n² bytes; functions and
-//! states take 5 kB and 16 bytes a function for each step. Some ten passes are made, and those of the starts are an eighth of
-//! that work each: 1000 measurements take about twenty seconds of a core.
+//! With n measurements a pass takes about 15 n³ multiplications on all threads and 70 n² bytes of memory. Functions and
+//! states take 5 kB and 16 bytes per function for each step. About ten passes are made; those of the first searches
+//! take an eighth of that work each. 1000 measurements take about 20 s of one core.
 
 pub mod evidence;
 pub mod likelihood;
@@ -71,9 +71,9 @@ use params::Rule;
 use search::{Prior, Rules, Search};
 use thin::thinned;
 
-/// What the functions of the motion may lack of a position, one sigma, in m.
+/// Standard deviation of the position error that the functions of the motion may omit, in m.
 const LACKING_M: f64 = 0.05;
-/// How well the path of the filter is followed at the start, one sigma, in m.
+/// Standard deviation of the deviation from the path of the filter at the start, in m.
 const START_M: f64 = 5.0;
 /// The white part of the kernel, in standard deviations of the anomaly, that a start with a wide valley has.
 const WIDE: f64 = 0.3;
@@ -95,7 +95,7 @@ const LONGEST: f64 = 0.5;
 pub struct SmootherParameters {
     /// The most measurements that are looked at. The work grows with the third power.
     pub measurements: usize,
-    /// What the standard deviations of the measurements are multiplied by.
+    /// Factor on the standard deviations of the measurements.
     pub noise_factor: f64,
     /// The most linearisations.
     pub passes: usize,
@@ -110,7 +110,7 @@ impl Default for SmootherParameters {
 }
 
 impl SmootherParameters {
-    /// Refuses parameters that make no smoother.
+    /// Rejects invalid parameters.
     ///
     /// # Errors
     /// Fails for numbers of measurements not between 2 and 5000, no pass, and a factor or tolerance not above 0.
@@ -122,7 +122,7 @@ impl SmootherParameters {
     }
 }
 
-/// How the smoother went.
+/// Report on the smoother.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SmootherReport {
     /// Measurements looked at.
@@ -133,21 +133,21 @@ pub struct SmootherReport {
     pub passes: usize,
     /// Whether path and kernel stand still.
     pub converged: bool,
-    /// How far the last step moves a measurement at the most, in m.
+    /// Largest change of the position of a measurement in the last step, in m.
     pub last_step_m: f64,
     /// The kernel at the end.
     pub kernel: Kernel,
-    /// (z − μ)ᵀ C⁻¹ (z − μ) over the number of measurements: 1 where the noise is as large as told.
+    /// (z − μ)ᵀ C⁻¹ (z − μ) over the number of measurements: 1 if the noise is as large as assumed.
     pub misfit: f64,
     /// See [`evidence::Evidence::agreement`]; below [`CONTRADICTED`] the track is lost.
     pub agreement: f64,
     /// J at the end, but for a constant of the flight.
     pub cost: f64,
-    /// What it is less than that of the path of the filter.
+    /// Decrease of J from the path of the filter.
     pub fall: f64,
 }
 
-/// What the smoother is handed of the filter.
+/// Results of the filter that the smoother uses.
 pub(super) struct Filtered<'a> {
     pub(super) line: &'a SlamLine<'a>,
     /// The last rows of the steps.
@@ -156,7 +156,7 @@ pub(super) struct Filtered<'a> {
     pub(super) kernel: Kernel,
     /// Whether the kernel was fitted, and is to be fitted further.
     pub(super) fits: bool,
-    /// A measurement is left out whose square beside what all others let expect is above so many variances.
+    /// Largest squared leave-one-out residual of a measurement over its variance; larger ones are rejected.
     pub(super) gate_nis: Option<f64>,
     /// The samples, each with whether it is used.
     pub(super) samples: &'a [(Sample, bool)],
@@ -172,9 +172,9 @@ struct Smoothed {
     report: SmootherReport,
 }
 
-/// Replaces track and path of a filter's output by the smoothed ones; the innovations stay the filter's. False, and nothing
-/// is done, where there is no smoothed track: fewer than two measurements, or a covariance that is not positive in
-/// floating point.
+/// Replaces track and path of a filter's output by the smoothed ones; the innovations stay the filter's. False, and
+/// nothing is done, where there is no smoothed track: fewer than two measurements, or a covariance that is not positive
+/// in floating point.
 ///
 /// # Errors
 /// [`NavigationError::Diverged`] where the covariance of the INS is not finite.
@@ -288,7 +288,7 @@ type Displaced = (Measured, [f64; 2]);
 /// Weights and kernel that a search begins with.
 type Beginning = (Vec<f64>, Kernel);
 
-/// Where the search with all measurements begins.
+/// Starting point of the search with all measurements.
 struct Start {
     weights: Vec<f64>,
     kernel: Kernel,
@@ -296,7 +296,7 @@ struct Start {
     filtered_cost: f64,
 }
 
-/// What is known before the search.
+/// Results of the first searches.
 struct Known<'a> {
     motion: &'a Motion,
     functions: &'a Functions,
@@ -321,8 +321,8 @@ impl<'a> Known<'a> {
         problem_of(thin, self.motion, self.functions, self.of)
     }
 
-    /// The best of several starts, by their optima with half of the measurements. Where visits contradict each other on it, there
-    /// are more.
+    /// The best of several starts, by their optima with half of the measurements. Where visits contradict each other on
+    /// it, there are more.
     fn best_start(&self, used: &[(Sample, [f64; 2])], thin: &[Displaced]) -> Option<Start> {
         if thin.len() < 2 || self.functions.count == 0 {
             return None;
@@ -364,8 +364,8 @@ impl<'a> Known<'a> {
         Some(found.unwrap_or(Start { weights: filtered, kernel: narrow, filtered_cost }))
     }
 
-    /// The search from a start on at its optimum. Where the kernel is not fitted, another one than the given one is only that of
-    /// a first search.
+    /// The search from a start on at its optimum. Where the kernel is not fitted, another one than the given one is
+    /// only that of a first search.
     fn settled<'p>(&'p self, problem: &'p Problem, weights: Vec<f64>, kernel: Kernel) -> Option<Search<'p>> {
         let rules = self.rules(problem);
         let mut search = Search::from(problem, self.prior, rules, weights, kernel)?;
@@ -382,8 +382,9 @@ impl<'a> Known<'a> {
         Some(evidence(problem, self.prior, self.rules(problem), search)?.agreement())
     }
 
-    /// The weights that a search finds whose measurements begin with those of the first part of the flight, and take the next
-    /// part in when these are settled: the most probable weights given the first part foresee the path of the next.
+    /// The weights that a search finds whose measurements begin with those of the first part of the flight, and take
+    /// the next part in when these are settled: the most probable weights given the first part foresee the path of the
+    /// next.
     fn grown(&self, measured: &[Displaced], parts: usize, kernel: Kernel) -> Option<Vec<f64>> {
         let mut weights = solved(&self.prior.information, &self.prior.force)?;
         for part in 1..=parts {
@@ -397,8 +398,8 @@ impl<'a> Known<'a> {
         Some(weights)
     }
 
-    /// The optimum from a start on, with the factor of its covariance; `None` where J stays above that of the path of the filter,
-    /// and where a covariance is not positive.
+    /// The optimum from a start on, with the factor of its covariance; `None` where J stays above that of the path of
+    /// the filter, and where a covariance is not positive.
     fn searched(&self, mut thin: Vec<Displaced>, start: Start) -> Option<(Vec<f64>, Mat<f64>, SmootherReport)> {
         let Start { mut weights, mut kernel, filtered_cost } = start;
         let mut may_gate = self.of.gate_nis;

@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 
 use crate::navigation::slam::{Covariance, Kernel};
 
-/// The variance that the basis lacks, as a part of the whole, where there is room for so many functions.
+/// Fraction of the variance that the basis omits, if the maximum number of functions permits.
 const LACKING: f64 = 1e-4;
 /// The boundary is this many lengths of the kernel beyond the outermost sample: the field is held to zero there, which
 /// lowers its variance at the outermost sample by k(4 l)/k(0), 0.5 % with the Matérn covariance of 5/2.
@@ -35,7 +35,7 @@ pub struct Basis {
 }
 
 impl Basis {
-    /// For the samples between `low_m` and `high_m` (east, north), with at most so many functions.
+    /// Basis for the samples between `low_m` and `high_m` (east, north), with a maximum number of functions.
     pub fn new(kernel: &Kernel, low_m: [f64; 2], high_m: [f64; 2], most: usize) -> Self {
         let middle_m = [0, 1].map(|axis: usize| 0.5 * (low_m[axis] + high_m[axis]));
         let half_m = [0, 1].map(|axis: usize| 0.5 * (high_m[axis] - low_m[axis]) + MARGIN * kernel.length_m);
@@ -70,7 +70,7 @@ impl Basis {
         0.5 * PI * ((coordinate_m - self.middle_m[axis]) / self.half_m[axis] + 1.0)
     }
 
-    /// What θ grows by a metre.
+    /// Change of θ per metre.
     pub fn angle_per_m(&self, axis: usize) -> f64 {
         0.5 * PI / self.half_m[axis]
     }

@@ -11,14 +11,14 @@ use crate::navigation::slam::fit::{FEWEST, LONGEST, minimum, standard_deviation}
 const MOST: usize = 100;
 /// The most pieces of either kind.
 const PIECES: usize = 5;
-/// Every so many samples are taken of the longer pieces.
+/// Step of the samples in the longer pieces.
 const COARSE: usize = 4;
 
 /// The pieces of a track that the likelihood is the product of.
 ///
-/// A piece is of one line, so that an error of the position which lasts, or a constant of the line, is common to it and is
-/// not taken for noise. Half of them are of neighbouring samples, the others of every fourth, which tell the longer lengths.
-/// [Stein, Chi & Welty 2004: the likelihood of blocks]
+/// A piece belongs to one line, so a slow position error or a constant of the line is common to it and does not count
+/// as noise. Half of the pieces have neighbouring samples, the others every fourth sample, which determine the longer
+/// lengths. [Stein, Chi & Welty 2004: the likelihood of blocks]
 pub struct Pieces<'a> {
     pieces: Vec<Vec<&'a TrackSample>>,
     /// The mean distance of neighbouring samples, in m.
@@ -26,7 +26,7 @@ pub struct Pieces<'a> {
 }
 
 impl<'a> Pieces<'a> {
-    /// Of lines, each with its samples in time order.
+    /// Pieces of lines. The samples of each line are in time order.
     pub fn of(lines: &[&'a [TrackSample]], spacing_m: f64) -> Self {
         let mut pieces: Vec<Vec<&TrackSample>> = vec![];
         for stride in [1, COARSE] {

@@ -1,4 +1,4 @@
-//! The normal equations of the weights, and what their inverse says of the field.
+//! Normal equations of the weights, and the variance of the field from their inverse.
 
 use faer::linalg::solvers::{DenseSolveCore, Solve};
 use faer::{Mat, Side};
@@ -18,7 +18,7 @@ pub struct Row {
     pub value_nt: f64,
     /// One over the variance of its noise, in nT⁻².
     pub weight: f64,
-    /// Its entries in the columns beside the basis: column and factor.
+    /// Entries in the additional columns: column and factor.
     pub beside: Vec<(usize, f64)>,
 }
 
@@ -30,15 +30,15 @@ pub struct Row {
 pub struct Sums {
     /// Σ w cos(p θ₁) cos(q θ₂), by p and then q, each up to twice the most half waves.
     cosines: Vec<f64>,
-    /// Σ w h sin(j₁ θ₁) sin(j₂ θ₂) for each column beside the basis and, last, for the values; by j₁, column, j₂.
+    /// Σ w h sin(j₁ θ₁) sin(j₂ θ₂) for each additional column and, last, for the values; by j₁, column, j₂.
     sines: Vec<f64>,
-    /// Σ w h hᵀ of the columns beside the basis and of the values.
+    /// Σ w h hᵀ of the additional columns and of the values.
     beside: Vec<f64>,
     columns: usize,
 }
 
 impl Sums {
-    /// Of all rows. `columns` is the number of columns beside the basis. The same bits on any number of threads.
+    /// Sums over all rows. `columns` is the number of additional columns. The same bits on any number of threads.
     pub fn of(basis: &Basis, rows: &[Row], columns: usize) -> Self {
         let [p, q] = basis.most.map(|most| 2 * most + 1);
         let [m1, m2] = basis.most;
@@ -87,7 +87,7 @@ impl Sums {
         0.25 * (at(d1, d2) - at(d1, s2) - at(s1, d2) + at(s1, s2))
     }
 
-    /// (ΦᵀWH)ⱼ of a column beside the basis.
+    /// (ΦᵀWH)ⱼ of an additional column.
     fn cross(&self, basis: &Basis, j: usize, column: usize) -> f64 {
         let ([j1, j2], m2) = (basis.functions[j], basis.most[1]);
         self.sines[((j1 - 1) * (self.columns + 1) + column) * m2 + j2 - 1]
@@ -112,13 +112,13 @@ pub struct Solution {
     factor: faer::linalg::solvers::Llt<f64>,
     /// The weights of the functions, with their scales, in nT.
     pub weights_nt: Vec<f64>,
-    /// Those of the columns beside them.
+    /// Weights of the additional columns.
     pub beside: Vec<f64>,
 }
 
 impl Solution {
-    /// Solves (Λ⁻¹ + AᵀWA) x = AᵀWy, A the functions and the columns beside them, `prior` the inverse covariance of the
-    /// latter by rows; `None` where that is not positive.
+    /// Solves (Λ⁻¹ + AᵀWA) x = AᵀWy, where A holds the functions and the additional columns, and `prior` is the inverse
+    /// covariance of the latter by rows. `None` if the matrix is not positive.
     pub fn of(basis: &Basis, sums: &Sums, prior: &[f64]) -> Option<Self> {
         let (m, columns) = (basis.functions.len(), sums.columns);
         let (all, scales) = (columns + 1, &basis.scales_nt);
@@ -148,7 +148,7 @@ impl Solution {
         finite.then_some(Self { factor, weights_nt, beside })
     }
 
-    /// The variance of the field and of the first column beside the basis together, as a sum of cosines and one of sines.
+    /// Variance of the sum of the field and the first additional column, as a sum of cosines and one of sines.
     pub fn variance(&self, basis: &Basis) -> Variance {
         let (m, [p, q]) = (basis.functions.len(), basis.most.map(|most| 2 * most + 1));
         let inverse = self.factor.inverse();
@@ -180,6 +180,6 @@ pub struct Variance {
     pub cosines: Vec<f64>,
     /// Those of the functions, without their scales.
     pub with_level: Vec<f64>,
-    /// What is the same everywhere.
+    /// Constant part.
     pub level_nt2: f64,
 }

@@ -2,7 +2,7 @@
 //!
 //! The filters share the transition matrix, except for the temporal variation, which drives nothing and decays by
 //! itself. Every lane is computed by the same sums in the same order, and no product is fused with a sum, so a filter
-//! gets the same bits in any lane, of a register of any width, and whatever the other lanes hold.
+//! gets the same bits in any lane, of a register of any width, independent of the other lanes.
 
 use pulp::{Simd, bytemuck};
 
@@ -25,7 +25,7 @@ const LON_PLACE: usize = 1;
 pub(crate) struct Transition {
     /// By column, the entries of the coupled rows.
     columns: [[f64; COUPLED_STATES]; STATES],
-    /// Of the rows of the Gauss-Markov states, the diagonal.
+    /// Diagonal of the rows of the Gauss-Markov states.
     decay: StateVector,
 }
 
@@ -96,7 +96,7 @@ fn decays<S: Simd>(simd: S, phi: &Transition, fogm_decay: S::f64s) -> [S::f64s; 
     decays
 }
 
-/// x ← Φ x. `fogm_decay` stands for the diagonal entry of the temporal variation.
+/// x ← Φ x. `fogm_decay` replaces the diagonal entry of the temporal variation.
 #[inline(always)]
 pub(crate) fn propagate_states<S: Simd>(simd: S, phi: &Transition, fogm_decay: S::f64s, x: &mut Vectors<S>) {
     let moved: [S::f64s; COUPLED_STATES] = coupled(simd, phi, x);
@@ -108,8 +108,7 @@ pub(crate) fn propagate_states<S: Simd>(simd: S, phi: &Transition, fogm_decay: S
     }
 }
 
-/// P ← Φ P Φᵀ of a symmetric P, exactly symmetric. `fogm_decay` stands for the diagonal entry of the temporal
-/// variation.
+/// P ← Φ P Φᵀ of a symmetric P, exactly symmetric. `fogm_decay` replaces the diagonal entry of the temporal variation.
 #[inline(always)]
 pub(crate) fn propagate_covariances<S: Simd>(simd: S, phi: &Transition, fogm_decay: S::f64s, p: &mut Matrices<S>) {
     // The coupled rows of Y = Φ P. P is its own transpose, so a column of it lies in a row.

@@ -25,7 +25,7 @@ impl Regression {
     }
 }
 
-/// Where the points are and how they weigh.
+/// Positions and weights of the points.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Spread {
     /// The distance c of the points, in standard deviations.
@@ -34,8 +34,8 @@ pub(crate) struct Spread {
     pub(crate) beyond: f64,
 }
 
-/// A direction whose variance given the directions before it is below this share of its own is known exactly: what is
-/// left of it is rounding.
+/// Variance of a direction given the previous directions, as a share of its variance, below which the direction is
+/// exact: a smaller share is rounding.
 const ROUNDING: f64 = 1e-13;
 
 impl Spread {

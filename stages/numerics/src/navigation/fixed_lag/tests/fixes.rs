@@ -1,4 +1,4 @@
-//! Positions from elsewhere, against dense least squares and the filter of an INS that they alone aid.
+//! Aiding positions, against dense least squares and the filter of an INS that they alone aid.
 #![allow(clippy::unwrap_used)]
 
 use crate::maps::Interpolation;

@@ -1,4 +1,4 @@
-//! Positions from elsewhere, against the Kalman filter that they make together with the INS.
+//! Aiding positions, against the Kalman filter that they make together with the INS.
 
 use super::*;
 use crate::navigation::ins_only;

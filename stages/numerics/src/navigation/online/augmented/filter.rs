@@ -194,7 +194,7 @@ impl<'a, M: AircraftModel> Filter<'a, M> {
         self.p.propagate(&Step { errors, density: &self.density, f: &f, phi: &phi, dt_s }, decay, noise);
     }
 
-    /// The positions from elsewhere of a sample.
+    /// The aiding positions of a sample.
     #[inline(always)]
     fn aid(&mut self, row: usize) {
         let Some(fixes) = self.line.fixes else { return };
@@ -258,7 +258,7 @@ impl<'a, M: AircraftModel> Filter<'a, M> {
         Ok(self.further(row, scalar, innovation, slope_nt_per_m))
     }
 
-    /// The further measurements of a sample, each linearised at the state before it; what is handed out as its innovation.
+    /// Uses the further measurements of a sample, each linearised at the state before it. Outputs their innovations.
     #[inline(always)]
     fn further(&mut self, row: usize, scalar: Outcome, innovation: Innovation, slope_nt_per_m: f64) -> Innovation {
         if !self.line.aids.is_any() {
@@ -318,8 +318,8 @@ impl<'a, M: AircraftModel> Filter<'a, M> {
         Outcome::Used(innovation)
     }
 
-    /// Takes the field of map and core field off the residuals, and its slope into their rows of H; the horizontal slope in
-    /// nT/m, where it is asked for.
+    /// Takes the field of map and core field off the residuals, and its slope into their rows of H; the horizontal
+    /// slope in nT/m, where it is asked for.
     #[inline(always)]
     fn predict_field(&mut self, row: usize, measured: bool) -> f64 {
         let asked = self.line.aids.flat_over_m.is_some();

@@ -189,7 +189,7 @@ fn law_bad_input_is_refused_in_words() {
 fn law_a_scalar_magnetometer_is_no_term() {
     assert!(check_sources(&["flux_b_x", "cur_ac_hi", "x", "mags"]).is_ok());
     let words = check_sources(&["flux_b_x", "mag_3_uc"]).unwrap_err().to_string();
-    assert!(words.contains("`mag_3_uc`") && words.contains("subtract what it navigates by"), "{words}");
+    assert!(words.contains("`mag_3_uc`") && words.contains("subtract its own"), "{words}");
     let map = wavy(-74.88);
     let flight = Flight::turning(&map, 1);
     let vector = Vector::new(&flight, &["permanent", "induced", "eddy"]);
@@ -201,13 +201,15 @@ fn law_a_scalar_magnetometer_is_no_term() {
     let good = vector.fluxgate(20.0, f64::INFINITY);
     assert!(run(&flight.line(&map), &[magnetometer], Some(&good), &ALL).is_ok());
     let modified = Fluxgate { field: Field { bt: Some(&flight.measurement_nt[0]), ..good.field }, ..good };
-    assert!(refused(&modified, magnetometer).contains("subtract what it navigates by"));
+    assert!(refused(&modified, magnetometer).contains("subtract its own"));
     let mut others = flight.terms[0].clone();
     others[18 * 50 + 2] *= 1.001;
     let words = refused(&good, Magnetometer { terms: &others, ..magnetometer });
     assert_eq!(words, "the terms of magnetometer 0 are not those of the vector in row 50");
     others[18 * 50 + 2] = f64::NAN;
     assert!(refused(&good, Magnetometer { terms: &others, ..magnetometer }).contains("row 50"));
-    assert!(refused(&Fluxgate { tau_s: 0.0, ..good }, magnetometer).contains("time constant must be above 0"));
+    assert!(
+        refused(&Fluxgate { tau_s: 0.0, ..good }, magnetometer).contains("time constant of the bias must be above 0")
+    );
     assert!(refused(&Fluxgate { sigma_nt: -1.0, ..good }, magnetometer).contains("must not be below 0"));
 }

@@ -1,25 +1,26 @@
-//! Whether the measurements of two visits agree: the test of a track.
+//! Agreement of the measurements of revisits: the test of a track.
 //!
-//! On a track that is lost the visits contradict each other. The likelihood then prefers a kernel with a large white part, with
-//! which all fits again, so that neither misfit nor covariance shows it. It shows beside the flight drawn out to a straight line,
-//! which visits nothing twice,
+//! On a lost track the revisits contradict each other. The likelihood then prefers a kernel with a large white part
+//! that fits everything, so neither misfit nor covariance reveals it. A comparison with the same flight stretched to a
+//! straight line, which has no revisits, reveals it:
 //!
 //! ```text
 //! E = log p(z | path) − log p(z | the path drawn out)
 //! ```
 //!
-//! each with its own most probable kernel, where that is fitted. Noise of the size expected makes E about
+//! each with its own most probable kernel, if that is fitted. Noise of the assumed size makes E about
 //!
 //! ```text
 //! D = (log |C drawn out| − log |C|)/2
 //! ```
 //!
-//! with the kernel of the path drawn out, which no track can spoil: what the visits tell of each other.
+//! with the kernel of the stretched path, which does not depend on the track: the information of the revisits about
+//! each other.
 
 use super::likelihood::{Measured, Problem};
 use super::search::{Prior, Rules, Search};
 
-/// What revisits tell of a track.
+/// Evidence of the revisits for a track.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Evidence {
     /// E.
@@ -29,8 +30,9 @@ pub struct Evidence {
 }
 
 impl Evidence {
-    /// E over D: 1 where two visits differ by no more than noise and the field's roughness let expect, 0 where they have nothing to do
-    /// with each other. NaN where visits tell next to nothing, with a D below 5 (a factor of 150 in probability), as without any.
+    /// E over D: 1 where two visits differ by no more than the expected noise and roughness of the field, 0 where they
+    /// are unrelated. NaN where the visits contain almost no information, with a D below 5 (a factor of 150 in
+    /// probability), or without visits.
     pub fn agreement(&self) -> f64 {
         if self.expected >= LEAST { self.found / self.expected } else { f64::NAN }
     }

@@ -19,7 +19,7 @@ pub struct Measured {
     pub at_m: [f64; 2],
     /// The measurement less the core field at the INS, in nT.
     pub value_nt: f64,
-    /// The variance of its white noise, that of its height included and that of the kernel left out, in nT².
+    /// Variance of its white noise, in nT², including that of its height and excluding that of the kernel.
     pub variance_nt2: f64,
     /// Gradient of the core field north and east, in nT/m.
     pub core_nt_per_m: [f64; 2],
@@ -35,7 +35,7 @@ pub struct Problem {
     pub temporal: (f64, f64),
     /// The variance of the field's unknown mean about `centre_nt`, in nT².
     pub mean_nt2: f64,
-    /// What is taken off all measurements, in nT.
+    /// Constant that is subtracted from all measurements, in nT.
     pub centre_nt: f64,
 }
 

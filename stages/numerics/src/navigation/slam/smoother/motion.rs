@@ -19,10 +19,10 @@ pub struct Motion {
     tt_s: Vec<f64>,
 }
 
-/// The position error at the steps of a line, δ = B u with u ~ N(0, I), and what is left of its variance.
+/// Position error at the steps of a line, δ = B u with u ~ N(0, I), and its remaining variance.
 ///
-/// The columns of B are those of the pivoted Cholesky factor of the covariance of all δ, so that a weight is the part of one
-/// pivot's error that the pivots before it do not tell. [Harbrecht, Peters & Schneider 2012]
+/// The columns of B are those of the pivoted Cholesky factor of the covariance of all δ: a weight is the part of one
+/// pivot's error that the pivots before it do not determine. [Harbrecht, Peters & Schneider 2012]
 pub struct Functions {
     /// The number of functions.
     pub count: usize,
@@ -193,7 +193,7 @@ impl Motion {
         out
     }
 
-    /// Where a time is among the steps; before the first and after the last it is that one.
+    /// Position of a time among the steps, clamped to the first and last step.
     pub fn between(&self, tt_s: f64) -> Between {
         let after = self.tt_s.partition_point(|step_s| *step_s < tt_s);
         let Some(step) = after.checked_sub(1) else { return Between { step: 0, part: 0.0 } };
@@ -214,7 +214,7 @@ impl Motion {
         self.p.len()
     }
 
-    /// What positions from elsewhere say of the weights: their information matrix by rows, and that times their most
+    /// Information on the weights from aiding positions: the information matrix by rows, and its product with the most
     /// probable weights.
     pub fn known(&self, functions: &Functions, line: &SlamLine<'_>, fixes: &PositionFixes) -> (Vec<f64>, Vec<f64>) {
         let count = functions.count;

@@ -10,14 +10,14 @@ use crate::navigation::slam::kernel::Kernel;
 const MOST_HALVINGS: usize = 10;
 /// The largest step of the logarithm of a hyper-parameter.
 const LARGEST_LOG: f64 = 1.0;
-/// What is added to the information of the logarithms, so that one that nothing depends on stays where it is.
+/// Damping added to the information of the logarithms. A logarithm without influence stays constant.
 const DAMPING: f64 = 0.1;
 /// The hyper-parameters stand still when no logarithm moves by more.
 const STILL_LOG: f64 = 0.02;
 /// A white part of the kernel below this part of the measurement's noise makes no difference.
 const LEAST_NOISE: f64 = 0.1;
 
-/// What is known of the weights without the field: minus the logarithm of their density is uᵀ M u/2 − fᵀ u.
+/// Prior of the weights without the field: minus the logarithm of the density is uᵀ M u/2 − fᵀ u.
 pub struct Prior {
     /// M.
     pub information: Mat<f64>,
@@ -37,7 +37,7 @@ impl Prior {
     }
 }
 
-/// How the search goes.
+/// Parameters of the search.
 #[derive(Clone, Copy, Debug)]
 pub struct Rules {
     /// The most linearisations.
@@ -50,7 +50,7 @@ pub struct Rules {
     pub lengths_m: (f64, f64),
 }
 
-/// Where the search stands.
+/// State of the search.
 pub struct Search<'a> {
     problem: &'a Problem,
     prior: &'a Prior,
@@ -62,7 +62,7 @@ pub struct Search<'a> {
     factored: Factored,
     /// Passes made.
     pub passes: usize,
-    /// How far the last whole step moves a measurement at the most, in m.
+    /// Largest change of the position of a measurement in the last full step, in m.
     pub last_step_m: f64,
     /// Whether path and kernel stand still.
     pub converged: bool,
@@ -92,7 +92,7 @@ impl<'a> Search<'a> {
         self.factored.cost
     }
 
-    /// What the model leaves of the measurements, squared over its variance, a measurement.
+    /// Mean squared residual of the measurements over its variance.
     pub fn misfit(&self) -> f64 {
         self.factored.square / self.problem.measured.len() as f64
     }

@@ -1,4 +1,4 @@
-//! The measurements that the smoother looks at: so few that their covariance is a matrix of bearable size.
+//! Measurements of the smoother, thinned to limit the size of their covariance matrix.
 
 use super::likelihood::Measured;
 use crate::navigation::slam::kernel::Kernel;
@@ -11,8 +11,8 @@ const AVERAGED: f64 = 0.05;
 /// At most `most` measurements of samples in time order, each the mean of neighbouring ones, with the mean of what the
 /// filter has the displacement of each sample at, in m.
 ///
-/// A flight of more samples is divided into groups whose numbers differ by one at most. Of each those near its middle are
-/// averaged and the others are left out: a mean over a longer stretch would be of another field than the kernel's.
+/// Divides a longer flight into groups whose sizes differ by at most one. In each group the samples near the middle are
+/// averaged and the others are skipped, because a mean over a longer stretch would smooth the field.
 pub fn thinned(samples: &[(Sample, [f64; 2])], kernel: &Kernel, most: usize) -> Vec<(Measured, [f64; 2])> {
     let alt_m = samples.iter().map(|(sample, _)| sample.alt_m).sum::<f64>() / samples.len().max(1) as f64;
     let (all, groups) = (samples.len(), samples.len().min(most));

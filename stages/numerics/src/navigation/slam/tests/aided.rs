@@ -1,4 +1,4 @@
-//! With positions from elsewhere.
+//! With aiding positions.
 
 use crate::navigation::ins_only;
 use crate::navigation::position_fixes::PositionFixes;
