@@ -200,7 +200,7 @@ fn gold_bandpass_of_a_short_line_and_of_uneven_time() {
     let errors: Vec<&str> = failed.iter().map(|f| f["error"].as_str().unwrap()).collect();
     assert!(
         errors[0].contains(
-            "flight 1, line 1.01, column `mag_4_uc`: no run of samples is as long as the filter needs (25 samples)"
+            "flight 1, line 1.01, column `mag_4_uc`: no run of samples is long enough for the filter (25 samples)"
         ),
         "{errors:?}"
     );

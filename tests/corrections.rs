@@ -75,7 +75,7 @@ fn law_the_diurnal_variation_is_removed_once() {
     let (by_default, explained) = latitudes(&bench, &spec(reduced, ""));
     let (left_in, _) = latitudes(&bench, &spec(reduced, "remove_diurnal = false"));
     assert_eq!(by_default, left_in, "`navigate` removed it again");
-    assert!(explained.contains("the diurnal variation was removed from `mag_c` before"), "{explained}");
+    assert!(explained.contains("the diurnal variation has already been removed from `mag_c`"), "{explained}");
     let (removed, _) = latitudes(&bench, &spec("mag_4_uc + 0.0", ""));
     let (not_removed, _) = latitudes(&bench, &spec("mag_4_uc + 0.0", "remove_diurnal = false"));
     assert_ne!(removed, not_removed, "a reading that holds it has it removed by default");
@@ -92,15 +92,15 @@ fn user_asking_for_a_correction_twice_is_an_error_before_anything_runs() {
         assert!(!bench.path("store/tables").exists());
     };
     let reduced = "mag_4_uc - diurnal";
-    let twice = ["the diurnal variation was removed from `mag_c` before", "remove_diurnal = false"];
+    let twice = ["the diurnal variation has already been removed from `mag_c`", "remove_diurnal = false"];
     refused(&spec(reduced, "remove_diurnal = true"), &twice);
     let core = spec("mag_4_uc - igrf", "")
         .replace("diurnal = \"4.0 * sin(tt / 20.0)\"", "igrf = \"48000.0 + 0.0 * tt\"")
         .replace("units   = { diurnal", "units   = { igrf")
         .replace("core_field      = false", "core_field      = true\ndecimal_year    = 2020.5");
-    refused(&core, &["the core field was removed from `mag_c` before", "core_field = false"]);
+    refused(&core, &["the core field has already been removed from `mag_c`", "core_field = false"]);
     let target = "\n[[stages]]\nname = \"wanted\"\nstage = \"target\"\ninput = \"reduced\"\nkind = \"e\"\nmag = \"mag_r\"\n\
                   remove_core = false\nremove_diurnal = true\n";
-    let twice = ["the diurnal variation was removed from `mag_r` before", "remove_diurnal = false"];
+    let twice = ["the diurnal variation has already been removed from `mag_r`", "remove_diurnal = false"];
     refused(&format!("{}{target}", spec(reduced, "")), &twice);
 }

@@ -288,7 +288,7 @@ fn gold_what_cannot_be_is_refused_before_anything_runs() {
     let grid = "[[stages]]\nname = \"g\"\nstage = \"map_grid\"\ninput = \"points\"\n";
     let value = "[[stages]]\nname = \"v\"\nstage = \"map_value\"\ninput = \"flights\"\nmap = \"up\"\n";
     for (stages, says) in [
-        (up.to_owned(), "nothing is asked of the map"),
+        (up.to_owned(), "no continuation and no derivative is requested"),
         (format!("{up}to_m = 400.0\nwhere = \"line = '1'\"\n"), "works on maps, which have no lines"),
         (format!("{up}derivative = \"upp\"\n"), "did you mean `up`"),
         (format!("{up}derivative = \"up\"\n{value}"), "`up` is a derivative in nT/m"),

@@ -14,15 +14,19 @@ use crate::columns::{data, even_rate_hz, faults_of, floats, list, no_truth, shap
 stage! {
     /// Builds the Tolles-Lawson terms of a vector magnetometer and appends them as the list column `tl`.
     ///
-    /// With B the vector magnetometer, Bt its magnitude (or `scalar`), dB the central difference of B per sample and s
-    /// `bt_scale_nt`: permanent B_i/Bt, induced B_i B_j/(Bt s), eddy B_i dB_j/(Bt s), derivative dB_i, bias 1. The names
-    /// of the terms are in the field's metadata `terms`, those that are differences in `per_sample`, and the rate of the lines in
-    /// `rate_hz` where a `resample` set it. `fit` writes the rate to its table, and what applies a model converts to it.
+    /// B is the reading of the vector magnetometer, Bt its magnitude or `scalar`, dB the central difference of B per
+    /// sample and s `bt_scale_nt`. The terms are: permanent B_i/Bt, induced B_i B_j/(Bt s), eddy B_i dB_j/(Bt s),
+    /// derivative dB_i, bias 1.
     ///
-    /// Differences are one-sided at the ends of a line and beside a gap, and never cross one. A sample without a vector
-    /// gives a row of NaN. Groups with differences need evenly spaced samples, otherwise the line is an error.
+    /// The field's metadata `terms` lists the terms, and `per_sample` lists those that are differences. `rate_hz` holds
+    /// the sample rate where a `resample` set it. `fit` writes this rate to its table, and stages that apply a model
+    /// convert its coefficients to the rate of their input.
     ///
-    /// Source: W. E. Tolles and J. D. Lawson 1950; thesis 000, (3.13) to (3.20) with the scale of its Tables 3.1 and 3.2.
+    /// Differences are one-sided at the ends of a line and at gaps. They never cross a gap. A sample without a vector
+    /// gives a row of NaN. Terms that are differences require evenly spaced samples; otherwise the line is an error.
+    ///
+    /// Source: W. E. Tolles and J. D. Lawson 1950; thesis 000, (3.13) to (3.20) with the scale of its Tables 3.1 and
+    /// 3.2.
     AMatrix = "a_matrix", version 2, grain Line, inputs [input: Lines],
     example r#"
 [[stages]]
@@ -31,16 +35,16 @@ stage  = "a_matrix"
 input  = "resample"
 vector = "flux_a"
 "#;
-    /// The vector magnetometer, such as `flux_a` for the columns `flux_a_x`, `flux_a_y` and `flux_a_z`.
+    /// Vector magnetometer, such as `flux_a` for the columns `flux_a_x`, `flux_a_y` and `flux_a_z`.
     vector: String, unit "";
-    /// The groups of terms: `permanent`, `induced` (or `induced5`, `induced3`), `eddy` (or `eddy8`, `eddy3`),
-    /// `derivative`, `bias`.
+    /// Groups of terms: `permanent`, `induced` (or `induced5`, `induced3`), `eddy` (or `eddy8`, `eddy3`), `derivative`,
+    /// `bias`.
     terms: Vec<String>, unit "", default ["permanent", "induced", "eddy"].map(String::from);
-    /// A scalar magnetometer whose reading stands for Bt: the modified model.
+    /// Scalar magnetometer whose reading replaces Bt. This gives the modified model.
     scalar: Option<String>, unit "", absent "the magnitude of `vector`";
-    /// The scale s of the induced and eddy terms, about the field's strength, so that all terms are of one size.
+    /// Scale s of the induced and eddy terms. A value near the total field gives all terms similar magnitudes.
     bt_scale_nt: f64, unit "nT", default 50_000.0, rule Rule::Positive;
-    /// Whether a truth column may be used.
+    /// Allows truth columns.
     allow_truth: bool, unit "", default false;
 }
 
@@ -106,11 +110,10 @@ impl LineStage for AMatrix {
     }
 }
 
-/// The runs of samples over which a row of terms can be made of the components of a vector magnetometer: all of them
-/// finite, and without a gap in time where a term is of differences.
+/// Runs of samples in which each sample has a row of terms. All components of the vector magnetometer are finite in a
+/// run. If a term is a difference, a run has no gap in time.
 ///
-/// # Errors
-/// Samples that are not evenly spaced, where a term is of differences.
+/// # Errors If a term is a difference and the samples are not evenly spaced.
 pub fn runs_of(terms: &Terms, tt_s: &[f64], [x, y, z]: [&[f64]; 3]) -> Result<Vec<Range<usize>>, Fault> {
     let usable = Usable::all(tt_s.len()).and_finite(x).and_finite(y).and_finite(z);
     if !terms.names().iter().any(|name| name.ends_with("_dot")) {

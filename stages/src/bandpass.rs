@@ -11,16 +11,17 @@ use crate::{
 };
 
 stage! {
-    /// Removes what is slower or faster than the pass band, without lag, and appends `<column>_bp`.
+    /// Removes frequencies outside the pass band without lag and appends `<column>_bp`.
     ///
-    /// A Butterworth filter of second-order sections runs forwards and backwards over each line, with odd reflection at
-    /// the ends and steady-state initial conditions; half of the power is gone at a corner after each of the two passes.
+    /// A Butterworth filter of second-order sections runs forwards and backwards over each line. It uses odd reflection
+    /// at the ends and steady-state initial conditions. Each of the two passes halves the power at a corner.
     ///
-    /// A run of NaN, or a gap in time, ends the filter and a new one starts behind it: gaps stay NaN and do not spread.
-    /// A run of samples shorter than the filter's padding (6 samples for each second-order section, so 25 samples for
-    /// the default) becomes NaN; a line with no longer run is an error, as are samples that are not evenly spaced.
+    /// A missing value (NaN) or a gap in time ends a run, and the filter restarts after it. Gaps stay NaN and do not
+    /// spread. A run shorter than the filter's padding becomes NaN. The padding is 6 samples for each second-order
+    /// section, 25 samples for the default. A line whose runs are all too short is an error. Samples must be evenly
+    /// spaced.
     ///
-    /// Source: F. Gustafsson, Determining the initial states in forward-backward filtering, 1996; the defaults are
+    /// Source: F. Gustafsson, Determining the initial states in forward-backward filtering, 1996. The defaults are
     /// those of thesis 000, section 3.4.
     Bandpass = "bandpass", version 2, grain Line, inputs [input: Lines],
     example r#"
@@ -30,20 +31,19 @@ stage   = "bandpass"
 input   = "resample"
 columns = ["mag_4_uc"]
 "#;
-    /// The columns to filter.
+    /// Columns to filter.
     columns: Vec<String>, unit "";
-    /// The lower corner; 0 leaves it off, which makes a low-pass.
+    /// Lower corner frequency. 0 removes it, which gives a low-pass filter.
     low_hz: f64, unit "Hz", default 0.1, rule Rule::NotNegative;
-    /// The upper corner; 0 leaves it off, which makes a high-pass.
+    /// Upper corner frequency. 0 removes it, which gives a high-pass filter.
     high_hz: f64, unit "Hz", default 0.9, rule Rule::NotNegative;
-    /// The order of the Butterworth prototype; a band-pass has twice as many poles.
+    /// Order of the Butterworth prototype. A band-pass filter has twice as many poles.
     order: usize, unit "", default 4usize, rule Rule::Between(1.0, 12.0);
 }
 
-/// The filter for two corners of which 0 means none; `None` where nothing is to be filtered.
+/// Filter for two corner frequencies, Hz. 0 removes a corner. `None` if both are 0.
 ///
-/// # Errors
-/// As [`ZeroPhase::new`].
+/// # Errors The same as [`ZeroPhase::new`].
 pub fn design(low_hz: f64, high_hz: f64, order: usize, rate_hz: f64) -> Result<Option<ZeroPhase>, Fault> {
     let band = match (low_hz > 0.0, high_hz > 0.0) {
         (true, true) => Band::Band { low_hz, high_hz },
@@ -61,7 +61,10 @@ impl Stage for Bandpass {
             faults_of(self.columns.iter().map(|c| shape.need(c).and_then(|x| shape.number(c, &x.unit))), "columns");
         faults.extend(band(self.low_hz, self.high_hz, shape.rate_hz));
         if self.low_hz == 0.0 && self.high_hz == 0.0 {
-            faults.push(Fault::new("both corners are 0, so nothing would be filtered").of_param("low_hz"));
+            faults.push(
+                Fault::new("both corners are 0, so the filter has no effect; set `low_hz` or `high_hz`")
+                    .of_param("low_hz"),
+            );
         }
         if !faults.is_empty() {
             return Err(faults);
@@ -87,7 +90,8 @@ impl LineStage for Bandpass {
 
     fn run(&self, line: &LineIn, (): &()) -> Arrays {
         filtered(&line.inputs[0], &self.columns, Angles::AsNumbers, |rate_hz| {
-            design(self.low_hz, self.high_hz, self.order, rate_hz)?.ok_or_else(|| Fault::new("no corner"))
+            design(self.low_hz, self.high_hz, self.order, rate_hz)?
+                .ok_or_else(|| Fault::new("the filter has no corner frequency"))
         })
     }
 }
@@ -161,7 +165,10 @@ mod tests {
         let mut tt = samples(100, |t| t);
         tt[40] += 0.02;
         let uneven = run(&stage, tt, vec![1.0; 100]).unwrap_err();
-        assert_eq!((uneven.place.column.as_deref(), uneven.help.as_deref()), (Some("tt"), Some("resample first")));
+        assert_eq!(
+            (uneven.place.column.as_deref(), uneven.help.as_deref()),
+            (Some("tt"), Some("add a `resample` stage before this one"))
+        );
     }
 
     #[test]

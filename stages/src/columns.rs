@@ -1,4 +1,4 @@
-//! What stages share: borrowing columns, and the checks that several of them make.
+//! Functions that several stages share: access to columns, and checks of columns and parameters.
 
 use arrow_array::{Array, ArrayRef, FixedSizeListArray, Float64Array, RecordBatch, cast::AsArray, types::Float64Type};
 use arrow_schema::{DataType, Field};
@@ -6,20 +6,18 @@ use numerics::signal::segments::{STEP_TOLERANCE, sample_rate};
 use schemas::{Column, ColumnType, Fault, Role, Sampling, Shape, Table};
 use std::sync::Arc;
 
-/// The numbers of a column, borrowed.
+/// Values of a column of numbers, borrowed.
 ///
-/// # Errors
-/// When there is no such column, or it does not hold numbers.
+/// # Errors If the column is missing or does not hold numbers.
 pub fn floats<'a>(batch: &'a RecordBatch, name: &str) -> Result<&'a [f64], Fault> {
     let array = batch.column_by_name(name).ok_or_else(|| absent(name))?;
     let array = array.as_primitive_opt::<Float64Type>().ok_or_else(|| not_numbers(name))?;
     Ok(array.values())
 }
 
-/// A list column, borrowed as a row-major matrix, with the names of its entries.
+/// List column, borrowed as a row-major matrix, with the names of its entries.
 ///
-/// # Errors
-/// When there is no such column, or it is not a list of numbers.
+/// # Errors If the column is missing or is not a list of numbers.
 pub fn matrix<'a>(batch: &'a RecordBatch, name: &str) -> Result<(&'a [f64], Vec<String>), Fault> {
     let schema = batch.schema();
     let field = schema.field_with_name(name).map_err(|_| absent(name))?;
@@ -40,18 +38,18 @@ fn not_numbers(name: &str) -> Fault {
     Fault::data("does not hold numbers").in_column(name)
 }
 
-/// The rate of evenly spaced times (s), in Hz.
+/// Sample rate of evenly spaced times (s), Hz.
 ///
-/// # Errors
-/// Fails as [`sample_rate`], for the column `tt`.
+/// # Errors The same as [`sample_rate`], for the column `tt`.
 pub fn even_rate_hz(tt_s: &[f64]) -> Result<f64, Fault> {
-    sample_rate(tt_s, STEP_TOLERANCE).map_err(|e| data(e).in_column("tt").help("resample first"))
+    sample_rate(tt_s, STEP_TOLERANCE)
+        .map_err(|e| data(e).in_column("tt").help("add a `resample` stage before this one"))
 }
 
-/// The rate at which the entries of a list column are differences per sample, Hz: that of its metadata, or of its line.
+/// Rate at which the entries of a list column are differences per sample, Hz. It is `rate_hz` of the column's metadata,
+/// or the sample rate of the line.
 ///
-/// # Errors
-/// When neither is known: there is no `rate_hz` in the metadata, and the samples are not evenly spaced.
+/// # Errors If the metadata have no `rate_hz` and the samples are not evenly spaced.
 pub fn list_rate_hz(batch: &RecordBatch, sampling: &Sampling) -> Result<f64, Fault> {
     match sampling.rate_hz {
         Some(rate_hz) => Ok(rate_hz),
@@ -59,10 +57,9 @@ pub fn list_rate_hz(batch: &RecordBatch, sampling: &Sampling) -> Result<f64, Fau
     }
 }
 
-/// The laws of the entries of a list column, and the rate at which these were made where one of them depends on it, Hz.
+/// Rate laws of the entries of a list column. If an entry depends on the rate, the rate is included, Hz.
 ///
-/// # Errors
-/// When there is no such column, or its rate is needed and unknown.
+/// # Errors If the column is missing, or its rate is needed and unknown.
 pub fn sampling(batch: &RecordBatch, name: &str) -> Result<Sampling, Fault> {
     let schema = batch.schema();
     let field = schema.field_with_name(name).map_err(|_| absent(name))?;
@@ -73,20 +70,21 @@ pub fn sampling(batch: &RecordBatch, name: &str) -> Result<Sampling, Fault> {
     Ok(sampling)
 }
 
-/// The factor of an entry that was made at `from_hz`, for a model that was fitted at `to_hz`; 1 where the entry does not
-/// depend on the rate.
+/// Factor that converts an entry made at `from_hz` for a model fitted at `to_hz`. It is 1 if the entry does not depend
+/// on the rate.
 ///
-/// # Errors
-/// When it depends on the rate, and the rate of the model is unknown or the entry has no equivalent at it.
+/// # Errors If the entry depends on the rate, and the model's rate is unknown or the entry has no equivalent at that
+/// rate.
 pub fn rate_factor(sampling: &Sampling, entry: &str, to_hz: Option<f64>) -> Result<f64, Fault> {
     let (Some(law), Some(from_hz)) = (sampling.law(entry), sampling.rate_hz) else { return Ok(1.0) };
     let Some(to_hz) = to_hz else {
-        let what = format!("`{entry}` is a difference per sample, and the table of the model has no `rate_hz`");
-        return Err(Fault::data(what).help("fit the model again: the table of a `fit` holds the rate of its lines"));
+        let what = format!("`{entry}` is a difference per sample, but the model table has no `rate_hz`");
+        return Err(Fault::data(what).help("fit the model again; `fit` writes `rate_hz` to its table"));
     };
     law.factor(from_hz, to_hz).ok_or_else(|| {
         let what = format!(
-            "`{entry}` is the value of an earlier sample, at {from_hz} Hz here and at {to_hz} Hz where the model was fitted"
+            "`{entry}` is the value of an earlier sample, but the line has {from_hz} Hz and the model was fitted at \
+             {to_hz} Hz"
         );
         Fault::data(what).help(format!("`resample` to {to_hz} Hz before `features`"))
     })
@@ -100,7 +98,7 @@ pub fn array(values: Vec<f64>) -> ArrayRef {
 /// A row-major matrix as a list column, `width` entries a row.
 ///
 /// # Errors
-/// When the values are not a whole number of rows, or the width does not fit an `i32`.
+/// If the values are not a whole number of rows, or the width does not fit an `i32`.
 pub fn list(values: Vec<f64>, width: usize) -> Result<ArrayRef, Fault> {
     let item = Arc::new(Field::new("item", DataType::Float64, false));
     let width = i32::try_from(width).map_err(|e| Fault::data(e.to_string()))?;
@@ -111,7 +109,7 @@ pub fn list(values: Vec<f64>, width: usize) -> Result<ArrayRef, Fault> {
 /// The shape of a table of flight lines.
 ///
 /// # Errors
-/// When there is no such input.
+/// If the input is missing.
 pub fn shape<'a>(inputs: &[&'a Table], i: usize) -> Result<&'a Shape, Vec<Fault>> {
     inputs.get(i).map(|t| t.shape()).ok_or_else(|| vec![Fault::new("an input is missing")])
 }
@@ -121,37 +119,36 @@ pub fn vector_axes(name: &str) -> [String; 3] {
     ["x", "y", "z"].map(|axis| format!("{name}_{axis}"))
 }
 
-/// Refuses a truth column as a feature, unless it is allowed.
+/// Rejects a truth column as a feature unless it is allowed.
 ///
-/// # Errors
-/// When it is a truth column and not allowed.
+/// # Errors If it is a truth column and truth columns are not allowed.
 pub fn no_truth(column: &Column, param: &str, allowed: bool) -> Result<(), Fault> {
     if column.role != Role::Truth || allowed {
         return Ok(());
     }
-    let what = format!("`{}` is a truth column: a target or a reference, but no feature", column.name);
-    Err(Fault::new(what).of_param(param).help("say `allow_truth = true` where that is meant"))
+    let what = format!("`{}` is a truth column and cannot be a feature", column.name);
+    Err(Fault::new(what).of_param(param).help("set `allow_truth = true` to allow it"))
 }
 
-/// The role of what is made of the columns `names`: the truth stays the truth.
+/// Role of a column that is computed from the columns `names`: truth if one of them is truth.
 pub fn role_of<S: AsRef<str>>(shape: &Shape, names: &[S]) -> Role {
     let truth = names.iter().filter_map(|name| shape.get(name.as_ref())).any(|column| column.role == Role::Truth);
     if truth { Role::Truth } else { Role::Derived }
 }
 
-/// What is wrong with `names`, the value of `param`: columns that are missing or not of numbers, no name at all, and one
-/// that is there twice.
+/// Faults of `names`, the value of `param`: an empty list, a duplicate, and columns that are missing or do not hold
+/// numbers.
 pub fn not_numbers_among(shape: &Shape, names: &[String], param: &str) -> Vec<Fault> {
     let mut faults = faults_of(names.iter().map(|c| shape.need(c).and_then(|x| shape.number(c, &x.unit))), param);
     if names.is_empty() {
-        faults.push(Fault::new("no column is named").of_param(param));
+        faults.push(Fault::new("the list of columns is empty").of_param(param));
     }
     let twice = names.iter().enumerate().find(|(i, name)| names[..*i].contains(name));
-    faults.extend(twice.map(|(_, name)| Fault::new(format!("`{name}` is named twice")).of_param(param)));
+    faults.extend(twice.map(|(_, name)| Fault::new(format!("`{name}` is listed twice")).of_param(param)));
     faults
 }
 
-/// The columns `<name><suffix>` that are made of each of `names` and the time, in the unit that `unit` makes of theirs.
+/// Columns `<name><suffix>`, each computed from one of `names` and the time. `unit` maps the unit of the source.
 pub fn made_of_each(
     shape: &Shape,
     names: &[String],
@@ -168,18 +165,18 @@ pub fn made_of_each(
     names.iter().map(one).collect()
 }
 
-/// Whether a column names a line or a time, so that no stage makes it anew.
+/// Returns whether a column is a key or the time. Stages never replace such a column.
 pub fn is_key(name: &str) -> bool {
     schemas::flight::KEYS.contains(&name)
 }
 
-/// Whether the numbers of a column are angles in degrees, which go on beyond a full turn at the other end of their range.
+/// Returns whether a column holds angles in degrees, which wrap at the ends of their range.
 pub fn is_angle(batch: &RecordBatch, name: &str) -> bool {
     let schema = batch.schema();
     schema.field_with_name(name).is_ok_and(|field| schemas::describe_field(field).unit == "deg")
 }
 
-/// Refuses a pass band that no filter at this rate can have. `rate_hz` may be unknown.
+/// Rejects a pass band that no filter at this rate can have. `rate_hz` may be unknown.
 pub fn band(low_hz: f64, high_hz: f64, rate_hz: Option<f64>) -> Vec<Fault> {
     let mut faults = vec![];
     if high_hz > 0.0 && low_hz >= high_hz {
@@ -191,7 +188,7 @@ pub fn band(low_hz: f64, high_hz: f64, rate_hz: Option<f64>) -> Vec<Fault> {
             if corner_hz >= 0.5 * rate_hz {
                 let what =
                     format!("a corner of {corner_hz} Hz is not below the Nyquist frequency of {} Hz", 0.5 * rate_hz);
-                let help = "lower the corner, or resample at a higher rate; 0 leaves this corner off";
+                let help = "lower the corner or resample at a higher rate; 0 removes this corner";
                 faults.push(Fault::new(what).of_param(name).help(help));
             }
         }
@@ -199,12 +196,12 @@ pub fn band(low_hz: f64, high_hz: f64, rate_hz: Option<f64>) -> Vec<Fault> {
     faults
 }
 
-/// All faults of several checks.
+/// Faults of several checks.
 pub fn faults_of<T>(checks: impl IntoIterator<Item = Result<T, Fault>>, param: &str) -> Vec<Fault> {
     checks.into_iter().filter_map(Result::err).map(|f| f.of_param(param)).collect()
 }
 
-/// What was wrong with the numbers, as a fault of the data.
+/// Fault of the data with the text of an error.
 pub fn data(e: impl std::fmt::Display) -> Fault {
     Fault::data(e.to_string())
 }

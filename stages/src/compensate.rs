@@ -1,4 +1,4 @@
-//! Takes the aircraft's field off a magnetometer.
+//! Subtracts the aircraft field from a scalar magnetometer.
 
 use arrow_array::RecordBatch;
 use numerics::regression::statistics;
@@ -13,38 +13,39 @@ use crate::{
 };
 
 choice! {
-    /// What a model predicts.
+    /// Quantity that a model predicts.
     pub enum Predicts {
-        /// The field of the aircraft.
+        /// Aircraft field.
         Aircraft = "aircraft",
-        /// The anomaly, without core field and diurnal variation.
+        /// Anomaly, without core field and diurnal variation.
         Anomaly = "anomaly",
-        /// The whole field.
+        /// Total field.
         Field = "field",
     }
 }
 
 stage! {
-    /// Takes the field that a fitted model predicts for the aircraft off a scalar magnetometer.
+    /// Subtracts the aircraft field that a fitted model predicts from a scalar magnetometer.
     ///
-    /// Appends `mag_c`, the compensated field, and `mag_aircraft`, what was taken off; they add up to the magnetometer's
-    /// reading. A sample without a term of the model gives NaN in both.
+    /// Appends the compensated field `mag_c` and the predicted aircraft field `mag_aircraft`. Their sum is the reading
+    /// of the magnetometer. Both are NaN for a sample that lacks a term of the model.
     ///
-    /// Terms that are differences per sample are converted to the rate of the fit, so that a line may have another rate. A
-    /// central difference misses (2 pi f / rate)^2 / 6 of a change at the frequency f: at 10 Hz 0.3 % of 0.2 Hz, at 5 Hz
-    /// 1 %. A model without its rate, or with the value of an earlier sample, is refused where the rates may differ.
+    /// Terms that are differences per sample are converted to the rate of the fit, so a line may have another rate. A
+    /// central difference underestimates the rate of change at frequency f by the fraction (2 pi f / rate)^2 / 6. At f
+    /// = 0.2 Hz this is 0.3 % at 10 Hz and 1 % at 5 Hz. If the rates may differ, a model without a stored rate or with
+    /// a lagged feature is rejected.
     ///
-    /// `mag_c` keeps in its metadata which corrections `mag` has had, such as the removal of the diurnal variation.
+    /// The metadata of `mag_c` list the corrections that `mag` has had, such as the removal of the diurnal variation.
     ///
-    /// A model fitted on band-passed data does not know the constant part of the aircraft's field. With `detrend` the
-    /// mean of the prediction over the line is not taken off, as MagNav.jl's examples do.
+    /// A model fitted to band-passed data does not determine the constant part of the aircraft field. `detrend` leaves
+    /// the mean of the prediction over the line in the signal, as MagNav.jl's examples do.
     ///
-    /// `mag_sigma`, `mag_fogm_sigma` and `mag_fogm_tau` are the noise of `mag_c` that the calibration saw: what the model
-    /// left on the lines that it was fitted on, the same for all samples. `navigate` takes them where its own are `"auto"`.
+    /// `mag_sigma`, `mag_fogm_sigma` and `mag_fogm_tau` are the noise of `mag_c`, estimated from the residual of the
+    /// model on its calibration lines. They are the same for all samples. `navigate` uses them where its own noise
+    /// parameters are `"auto"`.
     ///
-    /// `mag_aircraft_sigma` is one sigma of the model's own prediction, of the spread of an ensemble; null where the model
-    /// does not know it. A model that is not linear knows the constant part where its target has it.
-    ///
+    /// `mag_aircraft_sigma` is the standard deviation of the prediction, from the spread of an ensemble. It is null if
+    /// the model does not provide one. A nonlinear model predicts the constant part if its target includes it.
     /// Source: thesis 000, (3.22).
     Compensate = "compensate", version 4, grain Line, inputs [input: Lines, model: Model],
     example r#"
@@ -55,16 +56,17 @@ input = "a_matrix"
 model = "fit"
 mag   = "mag_4_uc"
 "#;
-    /// The scalar magnetometer, such as `mag_4_uc`.
+    /// Scalar magnetometer, such as `mag_4_uc`.
     mag: String, unit "nT";
-    /// What the model was fitted to predict: the `aircraft`'s field; or the `anomaly`, to which core field `igrf` and
-    /// diurnal variation `diurnal` are added (targets `a` and `b`); or the whole `field`.
+    /// Quantity that the model was fitted to predict. `aircraft` is the aircraft field. `anomaly` is the anomaly, to
+    /// which `igrf` and `diurnal` are added (targets `a` and `b`). `field` is the total field.
     predicts: Predicts, unit "", default Predicts::Aircraft;
-    /// Terms of the model that are no part of the aircraft and are left out, such as `easting` and `northing`.
+    /// Terms of the model that are not part of the aircraft field and are not subtracted, such as `easting` and
+    /// `northing`.
     without: Vec<String>, unit "", default Vec::<String>::new();
-    /// Leave the mean of the predicted aircraft field in the signal.
+    /// Leaves the mean of the predicted aircraft field in the signal.
     detrend: bool, unit "", default false;
-    /// Whether a truth column may be used.
+    /// Allows truth columns.
     allow_truth: bool, unit "", default false;
 }
 
@@ -75,7 +77,9 @@ impl Stage for Compensate {
             return Err(vec![Fault::new("`model` is not a model table")]);
         };
         if shape.get("term").is_none() {
-            return Err(vec![Fault::new("`model` has no terms").help("name the table of a `fit`").of_param("model")]);
+            return Err(vec![
+                Fault::new("`model` has no column `term`").help("name the table of a `fit`").of_param("model"),
+            ]);
         }
         let mut faults = vec![];
         if let Err(fault) = lines.number(&self.mag, "nT").and_then(|c| no_truth(c, "mag", self.allow_truth)) {
@@ -84,7 +88,7 @@ impl Stage for Compensate {
         for feature in features {
             if let Err(fault) = lines.need(feature) {
                 faults.push(
-                    Fault { what: format!("the model was fitted on `{feature}`, and {}", fault.what), ..fault }
+                    Fault { what: format!("the model was fitted with `{feature}`, but {}", fault.what), ..fault }
                         .of_param("input"),
                 );
             }
@@ -93,7 +97,7 @@ impl Stage for Compensate {
             faults.extend(faults_of(EARTH.iter().map(|name| lines.number(name, "nT")), "predicts"));
         }
         if self.predicts != Predicts::Aircraft && self.detrend {
-            faults.push(Fault::new("only an aircraft's field is detrended").of_param("detrend"));
+            faults.push(Fault::new("`detrend` requires `predicts = \"aircraft\"`").of_param("detrend"));
         }
         if !faults.is_empty() {
             return Err(faults);
@@ -104,15 +108,18 @@ impl Stage for Compensate {
         let rate = shape.get(RATE).map(|_| RATE);
         let of_model: Vec<&str> = ["term", "value"].into_iter().chain(rate).collect();
         let made = |name, doc| Column::float(name, "nT", doc).from(0, &reads).from(1, &of_model);
-        // The field that a model of the anomaly or of the whole field predicts holds everything.
+        // The prediction of a model of the anomaly or of the total field includes all corrections.
         let removed = if self.predicts == Predicts::Aircraft { had(lines, &self.mag) } else { Removed::new() };
         let mut columns = vec![
             made("mag_c", "compensated field").without(removed),
-            made("mag_aircraft", "aircraft field that was taken off"),
+            made("mag_aircraft", "predicted aircraft field, which was subtracted"),
         ];
         columns.extend(noise_columns(&RESIDUAL));
-        columns.push(made("mag_aircraft_sigma", "one sigma of the model's prediction, where the model knows it"));
-        // What sees a window of samples needs to know which follow each other.
+        columns.push(made(
+            "mag_aircraft_sigma",
+            "standard deviation of the prediction; null if the model does not provide one",
+        ));
+        // A model of a window of samples needs the order of the samples.
         reads.push("tt".to_owned());
         let mut yields = Yield::append(columns, &reads);
         yields.reads.push(of_model.into_iter().chain(RESIDUAL).map(str::to_owned).collect());
@@ -159,25 +166,25 @@ impl LineStage for Compensate {
     }
 }
 
-/// What is added to an anomaly to get the field.
+/// Columns that are added to an anomaly to get the total field.
 const EARTH: [&str; 2] = ["igrf", "diurnal"];
 
-/// The noise of a compensated signal: the columns that hold it, with their units.
+/// Columns that hold the noise of a compensated signal, with their units.
 pub(crate) const NOISE: [(&str, &str); 3] = [("mag_sigma", "nT"), ("mag_fogm_sigma", "nT"), ("mag_fogm_tau", "s")];
 
-/// The columns of [`NOISE`], made of these columns of the model.
+/// Columns of [`NOISE`], computed from these columns of the model.
 pub(crate) fn noise_columns(model: &[&str]) -> Vec<Column> {
     let docs = [
-        "white part of the noise of the signal, one sigma of a sample",
-        "part of the noise that lasts, one sigma of its first-order Gauss-Markov process",
-        "time constant of that process",
+        "standard deviation of the white noise of one sample",
+        "standard deviation of the first-order Gauss-Markov noise",
+        "time constant of the first-order Gauss-Markov noise",
     ];
     NOISE.iter().zip(docs).map(|((name, unit), doc)| Column::float(*name, *unit, doc).from(1, model)).collect()
 }
 
 pub struct Model {
     fitted: Fitted,
-    /// As [`NOISE`].
+    /// The values of [`NOISE`].
     noise: [f64; 3],
 }
 
@@ -276,7 +283,7 @@ mod tests {
     fn unit_what_does_not_fit_the_model_is_told_with_its_parameter() {
         let lacking = Compensate { without: vec!["easting".into()], ..compensate() };
         let fault = lacking.prepare(&[line().inputs[0].clone(), model()]).err().unwrap();
-        assert_eq!(fault.what, "the model has no term `easting` to leave out");
+        assert_eq!(fault.what, "the model has no term `easting`, which `without` names");
         assert_eq!(fault.param.as_deref(), Some("without"));
 
         let features = ["tl", "cur_1"].map(str::to_owned).to_vec();
@@ -297,18 +304,18 @@ mod tests {
             names,
             ["mag_c", "mag_aircraft", "mag_sigma", "mag_fogm_sigma", "mag_fogm_tau", "mag_aircraft_sigma"]
         );
-        let expected = "the model was fitted on `cur_1`, and there is no column `cur_1` [input]";
+        let expected = "the model was fitted with `cur_1`, but there is no column `cur_1` [input]";
         assert_eq!(said(&compensate(), only(&["tl", "mag_4_uc"]), &fitted), [expected]);
         let anomaly = Compensate { predicts: Predicts::Anomaly, detrend: true, ..compensate() };
         let expected = [
             "there is no column `igrf` [predicts]",
             "there is no column `diurnal` [predicts]",
-            "only an aircraft's field is detrended [detrend]",
+            "`detrend` requires `predicts = \"aircraft\"` [detrend]",
         ];
         assert_eq!(said(&anomaly, only(&["tl", "cur_1", "mag_4_uc"]), &fitted), expected);
         let truth = columns().into_iter().map(|c| if c.name == "mag_4_uc" { c.role(Role::Truth) } else { c });
         assert!(said(&compensate(), truth.collect(), &fitted)[0].ends_with("[mag]"));
         let noise = Table::Model { shape: shape(vec![Column::float("residual_sigma", "nT", "")]), features: vec![] };
-        assert_eq!(said(&compensate(), columns(), &noise), ["`model` has no terms [model]"]);
+        assert_eq!(said(&compensate(), columns(), &noise), ["`model` has no column `term` [model]"]);
     }
 }

@@ -1,4 +1,4 @@
-//! Appends the earth's core field.
+//! Appends the core field.
 
 use arrow_array::RecordBatch;
 use nalgebra::Vector3;
@@ -14,17 +14,17 @@ use crate::{
 };
 
 stage! {
-    /// Appends the earth's core field at every sample: the magnitude `igrf`, the components `igrf_n`, `igrf_e`, `igrf_d`
-    /// (north, east, down) and, where there is an attitude, `igrf_x`, `igrf_y`, `igrf_z` in the body frame (nose, right
-    /// wing, down). `column` gives another name; a column that the flight has under such a name is replaced.
+    /// Appends the core field at every sample: the magnitude `igrf` and the components `igrf_n`, `igrf_e`, `igrf_d`
+    /// (north, east, down). If an attitude is available, also `igrf_x`, `igrf_y`, `igrf_z` in the body frame (nose,
+    /// right wing, down). `column` changes these names. An existing column of the same name is replaced.
     ///
-    /// The date is that of the sample: the flight's `year`, `doy` and `tt`, or `decimal_year` for all. Heights are above
-    /// the WGS-84 ellipsoid. A sample whose position is NaN gets NaN, and so does a body component where an angle that it
-    /// depends on is NaN.
+    /// The date of each sample is given by `year`, `doy` and `tt` of the flight, or by `decimal_year` for all samples.
+    /// Heights are above the WGS-84 ellipsoid. A sample without a position gets NaN, and so does a body component that
+    /// depends on a missing angle.
     ///
-    /// It refuses a flight whose date neither the flight nor the spec says, a date that the model does not cover, and a
-    /// position that does not exist (latitude beyond 90 degrees, longitude outside -180 to 360, height outside -10 to
-    /// 2,000 km).
+    /// A flight without a date is rejected unless `decimal_year` is set. A date outside the model's range is rejected.
+    /// So is an impossible position: latitude beyond 90 degrees, longitude outside -180 to 360 degrees, height outside
+    /// -10 to 2,000 km.
     ///
     /// Source: IGRF-14 (IAGA, doi:10.5281/zenodo.14012302); WMM2020 and WMM2025 (NOAA NCEI and BGS).
     CoreFieldStage = "core_field", version 2, grain Line, inputs [input: Lines],
@@ -35,24 +35,24 @@ stage        = "core_field"
 input        = "resample"
 decimal_year = 2020.5
 "#;
-    /// The model: `igrf` (IGRF-14, 1900 to 2030) or `wmm` (the World Magnetic Model, 2020 to 2030).
+    /// Model: `igrf` (IGRF-14, 1900 to 2030) or `wmm` (the World Magnetic Model, 2020 to 2030).
     model: CoreModel, unit "", default CoreModel::Igrf14;
-    /// The name of the magnitude, from which the others are made.
+    /// Name of the column of the magnitude. The names of the components extend it.
     column: String, unit "", default "igrf";
-    /// Where: at the true position (`lat`, `lon`, `alt`) or that of the INS.
+    /// Position at which the field is computed: true (`lat`, `lon`, `alt`) or of the INS.
     position: PositionOf, unit "", default PositionOf::Truth;
-    /// Whose attitude turns the field into the body frame.
-    attitude: Option<AttitudeOf>, unit "", absent "that of the INS, else the true one, where the flight has it";
-    /// The date of all samples, in place of the flight's own.
+    /// Attitude that rotates the field into the body frame.
+    attitude: Option<AttitudeOf>, unit "", absent "the attitude of the INS if present, otherwise the true attitude if present";
+    /// Date of all samples, instead of the flight's date.
     decimal_year: Option<f64>, unit "a", absent "the flight's own date", rule Rule::Between(1900.0, 2030.0);
 }
 
 choice! {
-    /// Whose position.
+    /// Source of the position.
     pub enum PositionOf {
-        /// The true one.
+        /// True position.
         Truth = "truth",
-        /// That of the INS.
+        /// Position of the INS.
         Ins = "ins",
     }
 }
@@ -68,13 +68,13 @@ impl PositionOf {
 }
 
 choice! {
-    /// Whose attitude.
+    /// Source of the attitude.
     pub enum AttitudeOf {
-        /// The true one.
+        /// True attitude.
         Truth = "truth",
-        /// That of the INS.
+        /// Attitude of the INS.
         Ins = "ins",
-        /// None: no body frame.
+        /// No attitude; the body frame is omitted.
         None = "none",
     }
 }
@@ -91,7 +91,7 @@ impl AttitudeOf {
 }
 
 impl CoreFieldStage {
-    /// The attitude's columns; `None` where there is to be no body frame.
+    /// Columns of the attitude. `None` if the body frame is omitted.
     fn attitude_columns(&self, shape: &Shape) -> Option<[&'static str; 3]> {
         match self.attitude {
             Some(whose) => whose.columns(),
@@ -102,7 +102,7 @@ impl CoreFieldStage {
         }
     }
 
-    /// Names the column, and the row of a place that does not exist.
+    /// Adds the column of an impossible position and its row.
     fn placed(&self, e: CoreFieldError) -> Fault {
         let [lat, lon, alt] = self.position.columns();
         match e {
@@ -123,15 +123,15 @@ impl CoreFieldStage {
         let column =
             |suffix: &str, doc: &str| Column::float(format!("{name}{suffix}"), "nT", doc.to_owned()).from(0, reads);
         let mut made = vec![
-            Column { correction: Some(Correction::Core), ..column("", "core-field magnitude") },
-            column("_n", "core field, northward"),
-            column("_e", "core field, eastward"),
-            column("_d", "core field, downward"),
+            Column { correction: Some(Correction::Core), ..column("", "magnitude of the core field") },
+            column("_n", "north component of the core field"),
+            column("_e", "east component of the core field"),
+            column("_d", "down component of the core field"),
         ];
         if body {
-            made.push(column("_x", "core field, body frame, towards the nose"));
-            made.push(column("_y", "core field, body frame, towards the right wing"));
-            made.push(column("_z", "core field, body frame, downwards"));
+            made.push(column("_x", "core field in the body frame, component towards the nose"));
+            made.push(column("_y", "core field in the body frame, component towards the right wing"));
+            made.push(column("_z", "core field in the body frame, down component"));
         }
         made
     }
@@ -148,7 +148,9 @@ impl Stage for CoreFieldStage {
         let dated = dated_by_flight(shape);
         if self.decimal_year.is_none() && !dated {
             let what = "the core field needs a date, but the flight has no `year` and `doy`";
-            faults.push(Fault::new(what).help("say `decimal_year`, such as 2020.5").of_param("decimal_year"));
+            faults.push(
+                Fault::new(what).help("set `decimal_year`, such as `decimal_year = 2020.5`").of_param("decimal_year"),
+            );
         }
         if !faults.is_empty() {
             return Err(faults);

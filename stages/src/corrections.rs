@@ -1,21 +1,21 @@
-//! Corrections of magnetic readings: which a reading has had, and that none is made twice.
+//! Corrections of magnetic readings: the record of those already made, and the check that none is made twice.
 
 use expressions::Expression;
 use schemas::{Column, Correction, Fault, Removed, Shape, flight};
 
-/// The corrections that the reading `name` has had; none of a column that is not there.
+/// Corrections that the reading `name` has had. Empty if the column is missing.
 pub fn had(shape: &Shape, name: &str) -> Removed {
     shape.get(name).map(|column| column.removed.clone()).unwrap_or_default()
 }
 
-/// Whether every one of the readings has had a correction; `None` where some have and others have not.
+/// Whether all readings have had a correction. `None` if only some of them have.
 fn all_had(shape: &Shape, readings: &[String], correction: Correction) -> Option<bool> {
     let mut each = readings.iter().map(|name| had(shape, name).contains(&correction));
     let first = each.next().unwrap_or(false);
     each.all(|other| other == first).then_some(first)
 }
 
-/// Whether a stage makes a correction of its readings: as `given`, else by `default` unless they have had it.
+/// Whether a stage makes a correction of its readings: `given`, otherwise `default` unless they have had it.
 pub fn corrects(
     shape: &Shape,
     readings: &[String],
@@ -26,17 +26,17 @@ pub fn corrects(
     given.unwrap_or(default && all_had(shape, readings, correction) == Some(false))
 }
 
-/// The key of a correction, and how to switch the correction off.
+/// Key of a correction, and the setting that switches it off.
 pub type Key = (&'static str, &'static str);
-/// The key `remove_core` of a correction.
-pub const REMOVE_CORE: Key = ("remove_core", "say `remove_core = false`");
-/// The key `remove_diurnal` of a correction.
-pub const REMOVE_DIURNAL: Key = ("remove_diurnal", "say `remove_diurnal = false`");
+/// Key `remove_core`.
+pub const REMOVE_CORE: Key = ("remove_core", "set `remove_core = false`");
+/// Key `remove_diurnal`.
+pub const REMOVE_DIURNAL: Key = ("remove_diurnal", "set `remove_diurnal = false`");
 
-/// The key `core_field` of what predicts or removes it.
-pub const CORE_FIELD: Key = ("core_field", "say `core_field = false`");
+/// Key `core_field` of stages that predict or remove the core field.
+pub const CORE_FIELD: Key = ("core_field", "set `core_field = false`");
 
-/// The fault of a correction of readings that its key asks for, and that they have had before.
+/// Fault of a correction that its key requests although the readings have already had it.
 pub fn twice(
     shape: &Shape,
     readings: &[String],
@@ -47,23 +47,23 @@ pub fn twice(
     let names = || readings.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ");
     let what = match (all_had(shape, readings, correction), given) {
         (Some(true), Some(true)) => {
-            format!("{correction} was removed from {} before, and `{param}` removes it again", names())
+            format!("{correction} has already been removed from {}, but `{param}` removes it again", names())
         }
-        (None, Some(true) | None) => format!("{correction} was removed from some of {} before, not from all", names()),
+        (None, Some(true) | None) => format!("{correction} has been removed from only some of {}", names()),
         (Some(_) | None, _) => return None,
     };
-    let help = format!("{off}, or name the reading before that correction");
+    let help = format!("{off}, or name the reading without that correction");
     Some(Fault::new(what).help(help).of_param(param))
 }
 
-/// The note on a correction that is made by default and is not made again.
+/// Note that a default correction is skipped because the readings have already had it.
 pub fn note(shape: &Shape, readings: &[String], correction: Correction, given: Option<bool>) -> Option<String> {
     let skipped = given.is_none() && all_had(shape, readings, correction) == Some(true);
     let names = || readings.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ");
-    skipped.then(|| format!("{correction} was removed from {} before, and is not removed again", names()))
+    skipped.then(|| format!("{correction} has already been removed from {} and is not removed again", names()))
 }
 
-/// The corrections of what an expression makes of readings: those of its terms, and what it subtracts itself.
+/// Corrections of the value of an expression: those of its terms, and those that it makes by subtraction.
 ///
 /// The difference of two readings at the same time holds neither core field nor diurnal variation.
 pub fn of_expression(expression: &Expression, shape: &Shape) -> Removed {
@@ -92,7 +92,7 @@ pub fn of_expression(expression: &Expression, shape: &Shape) -> Removed {
     removed
 }
 
-/// The same column with the corrections of the reading that it was made from.
+/// Copies the corrections of a reading to a column made from it.
 pub fn like(column: Column, shape: &Shape, reading: &str) -> Column {
     column.without(had(shape, reading))
 }

@@ -1,4 +1,4 @@
-//! The date of a flight's samples, from its columns `year`, `doy` and `tt`.
+//! Dates of samples from the columns `year`, `doy` and `tt`.
 
 use arrow_array::{RecordBatch, cast::AsArray, types::Int64Type};
 use numerics::earth::dates::{day_number, decimal_year};
@@ -6,15 +6,14 @@ use schemas::{Fault, Shape};
 
 use crate::columns::{data, floats};
 
-/// Whether the flight says when it was.
+/// Returns whether the flight has the columns of a date.
 pub fn dated_by_flight(shape: &Shape) -> bool {
     ["year", "doy"].iter().all(|c| shape.get(c).is_some())
 }
 
-/// The decimal year of every sample; NaN where the flight does not say.
+/// Decimal year of every sample. NaN for a sample without a date.
 ///
-/// # Errors
-/// A day that its year does not have, with its row.
+/// # Errors If the year has no such day. The fault names the row.
 pub fn years(batch: &RecordBatch) -> Result<Vec<f64>, Fault> {
     let (year, day, tt) = (whole_numbers(batch, "year")?, whole_numbers(batch, "doy")?, floats(batch, "tt")?);
     let all = year.iter().zip(&day).zip(tt).enumerate();
@@ -25,10 +24,9 @@ pub fn years(batch: &RecordBatch) -> Result<Vec<f64>, Fault> {
     .collect()
 }
 
-/// The decimal year of the line's first sample that has both a year and a day.
+/// Decimal year of the line's first sample with both a year and a day.
 ///
-/// # Errors
-/// A line without such a sample, or a day that its year does not have, with its row.
+/// # Errors If no sample has both, or the year has no such day. The fault names the row.
 pub fn first_year(batch: &RecordBatch) -> Result<f64, Fault> {
     let known = |name: &str| match batch.column_by_name(name) {
         Some(_) => whole_numbers(batch, name).map(Some),
@@ -43,18 +41,17 @@ pub fn first_year(batch: &RecordBatch) -> Result<f64, Fault> {
     one(year[row], day[row], tt[row]).map_err(|fault| fault.in_row(row as u64))
 }
 
-/// What to do where the day of a line is wanted and there is none.
-pub const WAYS_OUT_OF_NO_DAY: &str = "give the flight the columns `year` and `doy`, such as by `derive`: \
+/// Remedy for a missing date of a line.
+pub const WAYS_OUT_OF_NO_DAY: &str = "add the columns `year` and `doy`, for example with `derive`: \
                                       `columns = { year = \"2020\", doy = \"183\" }`";
 
 /// Seconds of a day.
 pub const DAY_S: f64 = 86_400.0;
 
-/// The number of the day from whose midnight the line's `tt` counts, by its first sample that has a year, a day and a time;
-/// `None` where it has no such sample.
+/// Day number of the midnight from which the line's `tt` counts, from the first sample with a year, a day and a time.
+/// `None` without such a sample.
 ///
-/// # Errors
-/// A day that its year does not have, with its row.
+/// # Errors If the year has no such day. The fault names the row.
 pub fn first_midnight(batch: &RecordBatch) -> Result<Option<i64>, Fault> {
     if batch.column_by_name("year").is_none() || batch.column_by_name("doy").is_none() {
         return Ok(None);
@@ -64,15 +61,13 @@ pub fn first_midnight(batch: &RecordBatch) -> Result<Option<i64>, Fault> {
     let Some(row) = row else { return Ok(None) };
     let day = day_number(year[row] as i32, if doy[row] >= 1.0 { doy[row] as u32 } else { 0 });
     let day = day.map_err(|e| data(e).in_column("doy").in_row(row as u64))?;
-    // Over midnight the date moves on while `tt` goes on.
+    // After midnight the date advances but `tt` keeps counting.
     Ok(Some(day - (tt[row] / DAY_S).floor() as i64))
 }
 
-/// What is added to the times of `other` so that they count from the same midnight as those of `first`, s: 0 where one of
-/// the two has no date.
+/// Offset of the times of `other` to the midnight of `first`, s. 0 if one of them has no date.
 ///
-/// # Errors
-/// As [`first_midnight`].
+/// # Errors The same as [`first_midnight`].
 pub fn offset_s(first: &RecordBatch, other: &RecordBatch) -> Result<f64, Fault> {
     Ok(match (first_midnight(first)?, first_midnight(other)?) {
         (Some(first), Some(other)) => DAY_S * (other - first) as f64,
@@ -80,7 +75,7 @@ pub fn offset_s(first: &RecordBatch, other: &RecordBatch) -> Result<f64, Fault> 
     })
 }
 
-/// The columns that say the date, of those that a table has.
+/// Columns of a date that a table has.
 pub fn date_columns(shape: &Shape) -> &'static [&'static str] {
     if dated_by_flight(shape) { &["year", "doy"] } else { &[] }
 }
@@ -89,21 +84,21 @@ fn no_date(what: &str) -> Fault {
     Fault::data(format!("the core field needs a date, but the line {what}")).help(WAYS_OUT)
 }
 
-/// What to do where the core field is wanted and there is no date.
-pub const WAYS_OUT: &str = "say `decimal_year`, such as 2020.5; or give the flight the columns `year` and `doy`; or say \
-                            `core_field = false` where the measurement is an anomaly, without the core field";
+/// Remedy for a missing date when the core field is needed.
+pub const WAYS_OUT: &str = "set `decimal_year`, such as 2020.5; or add the columns `year` and `doy`; or set \
+                            `core_field = false` if the measurement is an anomaly";
 
 fn one(year: f64, day: f64, tt: f64) -> Result<f64, Fault> {
-    // What is no such number becomes a day 0, which no year has.
+    // A missing number becomes day 0, which no year has.
     let (year, day) = (year as i32, if day >= 1.0 { day as u32 } else { 0 });
-    // Over midnight `tt` goes on, and the date moves on with it: only the time of the day is left to add.
+    // After midnight `tt` keeps counting and the date advances, so only the time of day is added.
     decimal_year(year, day, tt.rem_euclid(86_400.0)).map_err(|e| data(e).in_column("doy"))
 }
 
-/// Whole numbers kept as such or as floats; NaN where there is none.
+/// Whole numbers, stored as integers or floats. NaN for missing ones.
 ///
 /// # Errors
-/// A column that is missing or does not hold numbers.
+/// If the column is missing or does not hold numbers.
 pub fn whole_numbers(batch: &RecordBatch, name: &str) -> Result<Vec<f64>, Fault> {
     let array = batch.column_by_name(name).ok_or_else(|| Fault::data("is missing").in_column(name))?;
     match array.as_primitive_opt::<Int64Type>() {

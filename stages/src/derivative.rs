@@ -14,15 +14,14 @@ use schemas::{Arrays, Fault, LineIn, LineStage, Rule, Stage, Table, Yield, choic
 use crate::columns::{array, even_rate_hz, floats, is_angle, made_of_each, not_numbers_among, shape};
 
 stage! {
-    /// Appends the rate of change of columns, `<column>_dot`, per second.
+    /// Appends the rate of change of columns per second, `<column>_dot`.
     ///
-    /// `central` is half the difference of the neighbours over the time between samples, one-sided at the ends of a run;
-    /// `savitzky_golay` is the slope of the polynomial that fits a window best, which amplifies noise less: with the
-    /// default window and degree by a factor of 0.32 where `central` has 0.71 (per step).
+    /// `central` is the central difference divided by the time between samples, one-sided at the ends of a run.
+    /// `savitzky_golay` is the slope of the least-squares polynomial over a window. It amplifies noise less: with the
+    /// default window and degree by 0.32 per step, `central` by 0.71.
     ///
-    /// Angles (unit deg) change along the shorter arc. A missing value or a gap in time ends a run, and a run with fewer
-    /// samples than the method needs is NaN; samples that are not evenly spaced are an error. The unit is that of the
-    /// column per second.
+    /// Angles (unit deg) change along the shorter arc. A missing value or a gap in time ends a run. A run shorter than
+    /// the method requires is NaN. Samples must be evenly spaced. The unit is the column's unit per second.
     ///
     /// Source: Savitzky & Golay 1964, Analytical Chemistry 36(8).
     Derivative = "derivative", version 2, grain Line, inputs [input: Lines],
@@ -34,27 +33,27 @@ input   = "resample"
 columns = ["flux_a_x", "mag_4_uc"]
 method  = "savitzky_golay"
 "#;
-    /// The columns.
+    /// Columns to differentiate.
     columns: Vec<String>, unit "";
-    /// How the rate is found.
+    /// Method of differentiation.
     method: How, unit "", default How::Central;
-    /// For `savitzky_golay`: the samples of a window, an odd number.
+    /// For `savitzky_golay`: number of samples of a window, odd.
     window: Option<usize>, unit "", absent "5", rule Rule::Between(3.0, 10001.0);
-    /// For `savitzky_golay`: the degree of the polynomial.
+    /// For `savitzky_golay`: degree of the polynomial.
     degree: Option<usize>, unit "", absent "2", rule Rule::Between(1.0, 8.0);
 }
 
 choice! {
-    /// How a rate of change is found.
+    /// Method of differentiation.
     pub enum How {
-        /// By the difference of the neighbours.
+        /// Central difference.
         Central = "central",
-        /// By polynomials that fit a window best.
+        /// Least-squares polynomials over a window.
         SavitzkyGolay = "savitzky_golay",
     }
 }
 
-/// The rate of change of a run, per sample; `None` where it is too short.
+/// Differentiator of a run, per sample.
 enum Slope {
     Central,
     Fitted(SavitzkyGolay),
@@ -146,7 +145,7 @@ impl LineStage for Derivative {
             if any {
                 return Ok(array(made));
             }
-            let what = format!("no run of samples is as long as the derivative needs ({} samples)", slope.least_rows());
+            let what = format!("no run of samples is long enough for the derivative ({} samples)", slope.least_rows());
             Err(Fault::data(what).in_column(name))
         };
         self.columns.iter().map(one).collect()

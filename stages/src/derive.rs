@@ -1,4 +1,4 @@
-//! Columns by SQL expressions over others.
+//! Columns from SQL expressions over other columns.
 
 use std::collections::BTreeMap;
 
@@ -13,22 +13,22 @@ use crate::{
 };
 
 stage! {
-    /// Appends columns that are SQL expressions over the columns of the same row: differences, ratios, clips
+    /// Appends columns defined by SQL expressions over the columns of the same row: differences, ratios, clips
     /// (`greatest(-5, least(5, x))`), choices (`case when radar < 50 then NULL else mag_4_uc end`).
     ///
-    /// The functions are DataFusion's that depend on the row alone; neither clocks nor chance, no other rows. A missing
-    /// value (NaN) is NULL in an expression: what is made of it is missing, a comparison with it is unknown, `coalesce` and
-    /// `is null` see it. What is infinite, such as 1/0, is missing; what SQL refuses, such as the root of a negative
-    /// number, is an error of the line. A division is one of real numbers, also between whole ones, and `greatest` and
-    /// `least` of a missing value are missing.
+    /// Expressions may use those functions of DataFusion that depend on the row alone. Clocks, random numbers and other
+    /// rows are not available. A missing value (NaN) is NULL in an expression: arithmetic with it is missing, a
+    /// comparison with it is unknown, and `coalesce` and `is null` detect it. An infinite result, such as 1/0, is
+    /// missing. A value that SQL rejects, such as the square root of a negative number, is an error of the line.
+    /// Division is real, also between integers. `greatest` and `least` with a missing argument are missing.
     ///
-    /// The unit follows for sums, differences, clips and choices of columns of one unit, for their multiples, and for
-    /// ratios of equal units; otherwise `units` says it. Adding or comparing columns of different units is an error. An
-    /// expression sees the columns of `input`, not those that it makes; one of the same name is replaced. What is made of
-    /// a truth column is truth.
+    /// The unit is inferred for sums, differences, clips, choices and multiples of columns of one unit, and for ratios
+    /// of equal units. Otherwise set it in `units`. Adding or comparing columns of different units is an error. An
+    /// expression can use the columns of `input` but not the other new columns. An existing column of the same name is
+    /// replaced. A column computed from a truth column is truth.
     ///
-    /// A column in nT has in its metadata `removed` which corrections its terms have had, and those that the expression makes by
-    /// subtracting `igrf` or `diurnal`, so that no later stage makes them again.
+    /// The metadata `removed` of a column in nT list the corrections of its terms, and those that the expression makes
+    /// by subtracting `igrf` or `diurnal`. Later stages do not repeat them.
     Derive = "derive", version 2, grain Line, inputs [input: Lines],
     example r#"
 [[stages]]
@@ -38,9 +38,9 @@ input   = "resample"
 columns = { mag_d = "mag_4_uc - mag_5_uc", heading = "degrees(atan2(-flux_a_y, flux_a_x))", year = "2014", doy = "308" }
 units   = { heading = "deg" }
 "#;
-    /// The expression of each new column, by its name.
+    /// SQL expression of each new column, by column name.
     columns: BTreeMap<String, String>, unit "";
-    /// The unit of those whose unit does not follow, and of multiples that are to be in another one.
+    /// Unit of new columns, by column name. Required where it cannot be inferred; converts a multiple to another unit.
     units: BTreeMap<String, String>, unit "", default BTreeMap::new();
 }
 
@@ -50,10 +50,11 @@ impl Derive {
         match &expression.data_type {
             kind if kind.is_numeric() => Ok(expression),
             DataType::Boolean => {
-                let fault = Fault::new(format!("`{name}` is true or false, but a column holds numbers"));
+                let fault =
+                    Fault::new(format!("the expression of `{name}` is true or false, but a column must hold numbers"));
                 Err(fault.help("write `case when ... then 1 else 0 end`"))
             }
-            kind => Err(Fault::new(format!("`{name}` gives {kind}, but a column holds numbers"))),
+            kind => Err(Fault::new(format!("the expression of `{name}` gives {kind}, but a column must hold numbers"))),
         }
     }
 
@@ -64,7 +65,9 @@ impl Derive {
             (Unit::Of(unit), _) if !unit.is_empty() => match other(unit) {
                 Some(given) => {
                     let fault = Fault::new(format!("`{name}` is in {unit}, not in {given}"));
-                    return Err(fault.help("multiply by the factor between the two").of_param("units"));
+                    return Err(fault
+                        .help("multiply the expression by the factor between the two units")
+                        .of_param("units"));
                 }
                 None => unit.clone(),
             },
@@ -77,32 +80,36 @@ impl Derive {
                 String::new()
             }
             (Unit::Any | Unit::Unknown, None) => {
-                let fault = Fault::new(format!("the unit of `{name}` does not follow from its expression"));
-                return Err(fault.help(format!("say it: `units = {{ {name} = \"nT\" }}`")).of_param("columns"));
+                let fault = Fault::new(format!("the unit of `{name}` cannot be inferred from its expression"));
+                return Err(fault
+                    .help(format!("set it, for example `units = {{ {name} = \"nT\" }}`"))
+                    .of_param("columns"));
             }
         };
         let known = flight::describe(name).unit;
         if !known.is_empty() && known != unit {
-            let fault = Fault::new(format!("`{name}` is in {unit}, but a column of that name is in {known}"));
-            return Err(fault.help("give it another name, or bring it to that unit").of_param("columns"));
+            let fault = Fault::new(format!("`{name}` is in {unit}, but the column that it replaces is in {known}"));
+            return Err(fault.help("choose another name, or convert the expression to that unit").of_param("columns"));
         }
         Ok(unit)
     }
 
     fn column(&self, name: &str, sql: &str, shape: &Shape) -> Result<Column, Fault> {
         if is_key(name) {
-            return Err(Fault::new(format!("`{name}` cannot be made anew")));
+            return Err(Fault::new(format!(
+                "`{name}` is a key of every line and cannot be replaced; choose another name"
+            )));
         }
         let word = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '.';
         if name.is_empty() || !name.chars().all(word) {
-            let what = format!("`{name}` is no name for a column: letters, digits, `_` and `.` are");
+            let what = format!("`{name}` is not a valid column name; use letters, digits, `_` and `.`");
             return Err(Fault::new(what));
         }
         let expression = Self::expression(name, sql, shape)?;
         let unit = self.unit(name, &expression.unit)?;
         let doc = sql.split_whitespace().collect::<Vec<_>>().join(" ");
         let reads = &expression.columns;
-        // A constant has as many rows as the line.
+        // A constant column has as many rows as the line.
         let from: Vec<&str> = if reads.is_empty() { vec!["tt"] } else { reads.iter().map(String::as_str).collect() };
         let removed = if unit == "nT" { of_expression(&expression, shape) } else { Removed::new() };
         Ok(Column::float(name, unit, doc).role(role_of(shape, reads)).from(0, &from).without(removed))
@@ -118,7 +125,7 @@ impl Stage for Derive {
         let shape = shape(inputs, 0)?;
         let (mut made, mut faults) = (vec![], vec![]);
         if self.columns.is_empty() {
-            faults.push(Fault::new("no column is named").of_param("columns"));
+            faults.push(Fault::new("`columns` is empty; add at least one expression").of_param("columns"));
         }
         for (name, sql) in &self.columns {
             match self.column(name, sql, shape) {
@@ -128,7 +135,7 @@ impl Stage for Derive {
         }
         let names: Vec<&String> = self.columns.keys().collect();
         for name in self.units.keys().filter(|name| !self.columns.contains_key(*name)) {
-            let fault = Fault::new(format!("`units` names `{name}`, which is not made here"));
+            let fault = Fault::new(format!("`units` names `{name}`, which `columns` does not define"));
             faults.push(fault.nearest(name, &names).of_param("units"));
         }
         if !faults.is_empty() {
@@ -244,11 +251,11 @@ mod tests {
         assert!(of(&[("x", "mag_4_uc - mag_5_uc")], &[("x", "T")]).ends_with("[units]"));
         assert!(of(&[("x", "mag_4_uc")], &[("xx", "nT")]).contains("`units` names `xx`"));
         assert!(of(&[("mag_7_uc", "mag_4_uc / mag_5_uc")], &[]).contains("a column of that name is in nT"));
-        assert!(of(&[("tt", "mag_4_uc")], &[]).contains("cannot be made anew"));
-        assert!(of(&[("x y", "mag_4_uc")], &[]).contains("no name for a column"));
+        assert!(of(&[("tt", "mag_4_uc")], &[]).contains("cannot be replaced"));
+        assert!(of(&[("x y", "mag_4_uc")], &[]).contains("not a valid column name"));
         assert!(of(&[("x", "mag_4_uc > 3")], &[]).contains("case when"));
         assert!(of(&[("x", "random() * mag_4_uc")], &[]).contains("another answer each time"));
         assert!(of(&[("x", "mag_6_uc")], &[]).contains("there is no column `mag_6_uc`"));
-        assert!(of(&[], &[]).contains("no column is named"));
+        assert!(of(&[], &[]).contains("`columns` is empty"));
     }
 }

@@ -1,4 +1,4 @@
-//! Takes spikes out of columns.
+//! Removes spikes from columns.
 
 use std::sync::Arc;
 
@@ -12,20 +12,24 @@ use schemas::{Arrays, Column, Fault, LineIn, LineStage, Rule, Stage, Table, Yiel
 use crate::columns::{array, data, floats, made_of_each, not_numbers_among, role_of, shape};
 
 stage! {
-    /// Finds samples that do not belong to the signal around them and appends `<column>_ds`, the column without them,
-    /// and `<column>_spike`, 1 where a sample was taken out and 0 elsewhere, so that its sum is their number.
+    /// Detects spikes and appends two columns for each: `<column>_ds` without the spikes, and `<column>_spike`, 1 for a
+    /// removed sample and 0 elsewhere.
     ///
-    /// `hampel` takes out what is off the median of `window` samples by more than `threshold` times their noise, also
-    /// several neighbours together, up to half of the window; it needs no even times, so use it before `resample`, which
-    /// would spread a spike. `fourth_difference` takes out single samples of evenly spaced ones, whose fourth difference
-    /// (over the root of 70, its noise for white noise) is beyond `threshold` times the noise: it sees small spikes on steep
-    /// signals, but not two together. The noise is robust (1.4826 times the median absolute deviation) and at least a step
-    /// of the quantisation; where more than half of a run is held or interpolated, it is that of the other samples, so that steps
-    /// and corners of such a column are no spikes. A run that is constant but for its spikes keeps them.
+    /// `hampel` removes a sample that differs from the median of `window` samples by more than `threshold` standard
+    /// deviations of the noise. It detects several adjacent spikes, up to half of the window. It does not require
+    /// evenly spaced samples, so use it before `resample`, which would spread a spike.
     ///
-    /// A spike becomes NaN, or what is on the straight line in time between the samples beside it; at the end of a run it
-    /// becomes NaN in any case. A missing value or a gap in time ends a run. A column more than a tenth of which would be
-    /// spikes is an error: its threshold is too low, or it is not a signal with spikes. Angles are taken as numbers.
+    /// `fourth_difference` removes a sample whose fourth difference, divided by the root of 70, exceeds `threshold`
+    /// standard deviations of the noise. It detects small spikes on steep signals, but not two adjacent ones. It
+    /// requires evenly spaced samples.
+    ///
+    /// The noise is 1.4826 times the median absolute deviation, and at least one quantisation step. If more than half
+    /// of a run is held or interpolated, the noise is that of the other samples, so that steps and corners are not
+    /// spikes. A run that is constant except for spikes keeps them.
+    ///
+    /// A spike becomes NaN, or is interpolated linearly in time between its neighbours. At the end of a run it always
+    /// becomes NaN. A missing value or a gap in time ends a run. A column with more than a tenth spikes is an error:
+    /// the threshold is too low, or the signal is not smooth. Angles are not unwrapped.
     ///
     /// Source: Hampel 1974, J. Am. Stat. Assoc. 69; Pearson 2002, IEEE Trans. Control Systems Technology 10(1).
     Despike = "despike", version 3, grain Line, inputs [input: Lines],
@@ -36,39 +40,39 @@ stage   = "despike"
 input   = "flights"
 columns = ["mag_4_uc"]
 "#;
-    /// The columns.
+    /// Columns to despike.
     columns: Vec<String>, unit "";
-    /// How spikes are found.
+    /// Method of detection.
     method: Search, unit "", default Search::Hampel;
-    /// How far off a spike is, in standard deviations of the noise.
+    /// Threshold, in standard deviations of the noise.
     threshold: f64, unit "1", default 6.0, rule Rule::Positive;
-    /// For `hampel`: the samples of a window, an odd number.
+    /// For `hampel`: number of samples of a window, odd.
     window: Option<usize>, unit "", absent "11", rule Rule::Between(3.0, 10001.0);
-    /// What takes the place of a spike.
+    /// Replacement of a spike.
     replace: Replace, unit "", default Replace::Nan;
 }
 
 choice! {
-    /// How spikes are found.
+    /// Method of detection.
     pub enum Search {
-        /// By a running median.
+        /// Running median.
         Hampel = "hampel",
-        /// By the fourth difference.
+        /// Fourth difference.
         FourthDifference = "fourth_difference",
     }
 }
 
 choice! {
-    /// What takes the place of a spike.
+    /// Replacement of a spike.
     pub enum Replace {
-        /// Nothing: the sample is missing.
+        /// Missing value.
         Nan = "nan",
-        /// The straight line between the samples beside it.
+        /// Linear interpolation between the neighbours.
         Linear = "linear",
     }
 }
 
-/// The part of a column beyond which it has no spikes, but another shape.
+/// Largest fraction of spikes in a column.
 const MOST_SPIKES: f64 = 0.1;
 
 impl Despike {
@@ -83,7 +87,7 @@ impl Despike {
         }
     }
 
-    /// The samples per second, by the median step; for the fourth difference they must be even.
+    /// Sample rate from the median step, Hz. The fourth difference requires even steps.
     fn rate_hz(&self, tt: &[f64]) -> Result<f64, Fault> {
         let tolerance = match self.method {
             Search::Hampel => f64::INFINITY,
@@ -92,7 +96,7 @@ impl Despike {
         check_increasing(tt).and_then(|()| sample_rate(tt, tolerance)).map_err(|e| data(e).in_column("tt"))
     }
 
-    /// The column without its spikes, and where they were.
+    /// Column without its spikes, and their locations.
     fn column(&self, tt: &[f64], x: &[f64], rate_hz: f64) -> Result<[ArrayRef; 2], Fault> {
         let (mut made, mut spikes) = (x.to_vec(), vec![false; x.len()]);
         let runs = Usable::all(x.len()).and_finite(x).runs_in_time(tt, rate_hz);
@@ -102,8 +106,8 @@ impl Despike {
         }
         let (count, rows) = (spikes.iter().filter(|s| **s).count(), x.iter().filter(|x| x.is_finite()).count());
         if count as f64 > MOST_SPIKES * rows as f64 {
-            let what = format!("{count} of {rows} samples would be spikes");
-            return Err(Fault::data(what).help("raise `threshold`, or look at the column: it may be no smooth signal"));
+            let what = format!("{count} of {rows} samples are detected as spikes, more than a tenth");
+            return Err(Fault::data(what).help("raise `threshold`, or plot the column; it may not be a smooth signal"));
         }
         for run in runs {
             let good: Vec<usize> = run.clone().filter(|i| !spikes[*i]).collect();
@@ -125,8 +129,8 @@ impl Stage for Despike {
         let shape = shape(inputs, 0)?;
         let mut faults = not_numbers_among(shape, &self.columns, "columns");
         if self.window().is_multiple_of(2) {
-            let what = format!("a window of {} samples has none in its middle", self.window());
-            faults.push(Fault::new(what).help("take an odd number").of_param("window"));
+            let what = format!("a window of {} samples has no middle sample", self.window());
+            faults.push(Fault::new(what).help("set `window` to an odd number").of_param("window"));
         }
         if !faults.is_empty() {
             return Err(faults);
@@ -251,7 +255,7 @@ mod tests {
     fn unit_a_signal_of_spikes_and_a_window_without_a_middle_are_refused() {
         let tt = sampled(0.0, 10.0, 1000, |t| t);
         let many = Despike { threshold: 0.1, ..despike(Search::Hampel, Replace::Nan) };
-        assert!(run(&many, &tt, field(1000)).unwrap_err().what.contains("of 1000 samples would be spikes"));
+        assert!(run(&many, &tt, field(1000)).unwrap_err().what.contains("of 1000 samples are detected as spikes"));
         let lines = table(&[("tt", "s"), ("mag_1_c", "nT")], None);
         let even =
             Despike { columns: vec!["mag_1_c".into()], window: Some(10), ..despike(Search::Hampel, Replace::Nan) };

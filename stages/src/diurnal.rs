@@ -1,4 +1,4 @@
-//! The temporal variation of the field, from the record of observatories.
+//! Diurnal variation from the records of observatories.
 
 use std::collections::BTreeMap;
 
@@ -19,22 +19,22 @@ use crate::{
 };
 
 stage! {
-    /// Appends `diurnal`, the temporal variation of the field: the record of an observatory or base station less its level, at
-    /// the time of each sample. A column of that name is replaced.
+    /// Appends `diurnal`, the variation of the external field: the record of an observatory or base station at the time
+    /// of each sample, minus the level of the record. An existing column of that name is replaced.
     ///
-    /// A record is a table of flight lines whose flight is the station and whose lines are days, with `year`, `doy`, `tt` and
-    /// the element: IAGA-2002 and IMF files are read as such, with `field_f`, the total field that a scalar magnetometer
-    /// sees. Where a record has no scalar magnetometer, make its magnitude by `derive` of `field_n`, `field_e` and `field_d`.
-    /// All days of a record serve all lines, so that a line over midnight takes two of them.
+    /// A record is a table of flight lines. Its flight is the station and its lines are days. It has `year`, `doy`,
+    /// `tt` and the column `element`. IAGA-2002 and IMF files are read in this form; `field_f` is their total field. If
+    /// a record has no scalar magnetometer, compute the magnitude of `field_n`, `field_e` and `field_d` with `derive`.
+    /// All days of a record are available to every line, so a line may cross midnight.
     ///
-    /// Values between samples of the record are interpolated. Where they are more than `max_gap_s` apart, and outside of the
-    /// record, there is NaN; a line without any value is an error, and so is one without a date. Several stations, in one table
-    /// or several, are weighted by one over the distance to the power of `power`, sample by sample; a sample for which one of
-    /// them has no value has none.
+    /// Values are interpolated between samples of the record. They are NaN outside the record and in gaps longer than
+    /// `max_gap_s`. A line without any value is an error, and so is a line without a date. Several stations, in one or
+    /// more tables, are averaged at each sample with weights 1/distance^`power`. A sample is NaN if one station has no
+    /// value for it.
     ///
-    /// A station moves the level only: `level` is the mean of its whole record, or of the record over the time of the line,
-    /// or `level_nt` gives it, such as that of a quiet night. A record of variations (IAGA `Data Type variation`) has no level
-    /// of its own to be taken as the field's.
+    /// A station contributes its variation only. Its level is set by `level`: the mean of the whole record, or its mean
+    /// over the time of the line. `level_nt` gives it explicitly, for example the level of a quiet night. A variation
+    /// record (IAGA `Data Type variation`) has no absolute level.
     Diurnal = "diurnal", version 2, grain Line, inputs [input: Lines, record: ManyRecords],
     example r#"
 [[stages]]
@@ -43,38 +43,38 @@ stage  = "diurnal"
 input  = "derive"
 record = "observatory"
 "#;
-    /// The column of the record.
+    /// Column of the record to use.
     element: String, unit "nT", default "field_f";
-    /// The name of the column that is made.
+    /// Name of the new column.
     column: String, unit "nT", default "diurnal";
-    /// How values between samples of the record are found.
+    /// Interpolation between samples of the record.
     method: Method, unit "", default Method::Linear;
-    /// The longest gap between samples of the record that is bridged.
+    /// Longest gap between samples of the record that is interpolated.
     max_gap_s: f64, unit "s", default 180.0, rule Rule::Positive;
-    /// What is taken off each record.
+    /// Level that is subtracted from each record.
     level: Level, unit "", default Level::Record;
-    /// What is taken off the record of each station, by its name.
-    level_nt: Option<BTreeMap<String, f64>>, unit "nT", absent "what `level` says", rule Rule::Finite;
-    /// Of several stations: the power of the distance by whose inverse they are weighted.
+    /// Level that is subtracted from the record of each station, by station name.
+    level_nt: Option<BTreeMap<String, f64>>, unit "nT", absent "set by `level`", rule Rule::Finite;
+    /// For several stations: power of the distance in the inverse-distance weights.
     power: f64, unit "1", default 1.0, rule Rule::NotNegative;
-    /// Of several stations: whose position the distances are from.
+    /// For several stations: source of the position from which distances are measured.
     position: PositionOf, unit "", default PositionOf::Truth;
 }
 
 choice! {
-    /// The level that is taken off a record.
+    /// Level that is subtracted from a record.
     pub enum Level {
-        /// The mean of the whole record.
+        /// Mean of the whole record.
         Record = "record",
-        /// Its mean at the times of the line.
+        /// Mean at the times of the line.
         Line = "line",
     }
 }
 
 const INPUT: usize = 0;
-/// The columns that say where a station is.
+/// Columns of the position of a station.
 const PLACE: [&str; 2] = ["lat", "lon"];
-/// Distances below this count as it, so that a station that is flown over has a weight.
+/// Smallest distance used in the weights, so that a station below the aircraft has a finite weight.
 const NEAREST_M: f64 = 1.0;
 
 /// The record of one station.
@@ -121,7 +121,7 @@ impl Diurnal {
     /// The samples of the stations of one table.
     fn gather(&self, record: &RecordBatch, found: &mut BTreeMap<String, Samples>) -> Result<(), Fault> {
         let names = record.column_by_name("flight").and_then(|c| c.as_string_opt::<i32>());
-        let names = names.ok_or_else(|| Fault::data("the record does not name its station"))?;
+        let names = names.ok_or_else(|| Fault::data("the record has no column `flight` with the station's name"))?;
         let (year, doy) = (whole_numbers(record, "year")?, whole_numbers(record, "doy")?);
         let (tt, value) = (floats(record, "tt")?, floats(record, &self.element)?);
         let place = |row: usize| {
@@ -152,7 +152,7 @@ impl Diurnal {
             Level::Line => on_line,
         };
         let finite: Vec<f64> = values.iter().copied().filter(|x| x.is_finite()).collect();
-        // About the first, so that a sum of thousands of fields keeps its digits.
+        // Relative to the first value, so that a sum of thousands of fields keeps its precision.
         let first = finite.first().copied().unwrap_or(f64::NAN);
         first + finite.iter().map(|x| x - first).sum::<f64>() / finite.len() as f64
     }
@@ -171,13 +171,14 @@ impl Station {
                 "the record of {name} has two values at {time_s} s of a day: {} and {} nT",
                 pair[0].1, pair[1].1
             );
-            return Err(Fault::data(what).help("name one table of each station, with one file of each time"));
+            return Err(Fault::data(what).help("give each station one table, without overlapping files"));
         }
         let mut steps: Vec<f64> = rows.windows(2).map(|pair| pair[1].0 - pair[0].0).collect();
         let usual_s = median(&mut steps);
         if usual_s > max_gap_s {
             let what = format!(
-                "the record of {name} has a value every {usual_s} s, so that all of it are gaps of more than {max_gap_s} s"
+                "the record of {name} has a value every {usual_s} s, so all its steps are gaps of more than \
+                 {max_gap_s} s"
             );
             return Err(Fault::data(what).help("raise `max_gap_s`"));
         }
@@ -188,7 +189,7 @@ impl Station {
 
     /// The values at ascending times.
     fn at(&self, times_s: &[f64], method: Method, max_gap_s: f64) -> Result<Vec<f64>, Fault> {
-        // The rate says how near a time must be to a sample to be that: a millionth of a second.
+        // The rate sets the tolerance for equal times: a millionth of a second.
         let plan = Plan::onto(&self.t_s, times_s.to_vec(), 1.0, max_gap_s).map_err(|e| data(e).in_column("tt"))?;
         plan.column(&self.value_nt, method).map_err(data)
     }
@@ -205,7 +206,7 @@ impl Stage for Diurnal {
         let records = inputs.get(INPUT + 1..).unwrap_or_default();
         let mut faults = vec![];
         if !dated_by_flight(input) {
-            let fault = Fault::new("a record is joined by date, but `input` has no `year` and `doy`");
+            let fault = Fault::new("records are matched by date, but `input` has no `year` and `doy`");
             faults.push(fault.help(WAYS_OUT_OF_NO_DAY).of_param("input"));
         }
         for record in records.iter().map(|table| table.shape()) {
@@ -215,17 +216,25 @@ impl Stage for Diurnal {
         let place = self.position_of(input);
         if records.len() > 1 && place.is_empty() {
             let fault = Fault::new("several stations are weighted by distance, but `input` has no position");
-            faults.push(fault.help("name one record, or say whose `position` it is").of_param("position"));
+            faults.push(
+                fault.help("name one record, or set `position` to a position that `input` has").of_param("position"),
+            );
         }
         if crate::columns::is_key(&self.column) {
-            faults.push(Fault::new(format!("`{}` cannot be made anew", self.column)).of_param("column"));
+            faults.push(
+                Fault::new(format!(
+                    "`{}` is a key of every line and cannot be replaced; choose another name",
+                    self.column
+                ))
+                .of_param("column"),
+            );
         }
         if !faults.is_empty() {
             return Err(faults);
         }
         let ours: Vec<&str> = ["tt", "year", "doy"].iter().chain(place).copied().collect();
         let mut column =
-            Column::float(&self.column, "nT", "temporal variation of the field, from the record of a station")
+            Column::float(&self.column, "nT", "diurnal variation of the field, from the records of stations")
                 .role(Role::Sensor)
                 .from(INPUT, &ours);
         column.correction = Some(Correction::Diurnal);
@@ -295,9 +304,11 @@ impl Diurnal {
         let (lat, lon) = (place(lat)?, place(lon)?);
         let mut places = vec![];
         for station in stations {
-            let what = || Fault::data(format!("the record of {} does not say where the station is", station.name));
+            let what = || Fault::data(format!("the record of {} has no position of the station", station.name));
             places.push(
-                station.place_m.ok_or_else(|| what().help("give it columns `lat` and `lon`, or name one record"))?,
+                station
+                    .place_m
+                    .ok_or_else(|| what().help("add the columns `lat` and `lon` to the record, or name one record"))?,
             );
         }
         let one = |row: usize| {
@@ -309,7 +320,7 @@ impl Diurnal {
                 sum += weight * variation.get(row).copied().unwrap_or(f64::NAN);
                 weights += weight;
             }
-            // A place that is missing leaves NaN, though the largest of it and a number is the number.
+            // A missing position gives NaN, although `max` ignores NaN.
             if at.iter().all(|x| x.is_finite()) { sum / weights } else { f64::NAN }
         };
         Ok((0..lat.len()).map(one).collect())
@@ -322,7 +333,8 @@ fn not_covered(stations: &Stations, times: &[f64]) -> Fault {
     let spans: Vec<String> = stations.all.iter().filter_map(of).collect();
     let (first, last) = (times.first().copied().unwrap_or(f64::NAN), times.last().copied().unwrap_or(f64::NAN));
     let what = format!(
-        "no sample of the line is covered by the record: {}, the line from day {} to {}, counted from the record's first midnight",
+        "the record covers no sample of the line: {}, the line from day {} to {}, counted from the record's first \
+         midnight",
         spans.join("; "),
         day(first),
         day(last)

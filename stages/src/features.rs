@@ -1,4 +1,4 @@
-//! Makes the features that compensation models are fitted on.
+//! Computes the features of compensation models.
 
 use std::cell::OnceCell;
 
@@ -25,31 +25,30 @@ use crate::{
 };
 
 stage! {
-    /// Appends the list column `features`, made of columns and of what the theses derive from them.
-    ///
-    /// | feature | is |
+    /// Appends the list column `features`, computed from columns as defined in the theses.
+    /// | feature | definition |
     /// |---|---|
-    /// | any column | itself |
-    /// | `COLUMN_dot`, `COLUMN_dot4` | its central and its fourth difference per sample |
-    /// | `COLUMN_lag_N` | its value N samples before |
-    /// | `mag_2_3_uc` | `mag_2_uc` less `mag_3_uc`, for any two magnetometers |
-    /// | `lpf_COLUMN` | it below 0.2 Hz |
+    /// | any column | the column itself |
+    /// | `COLUMN_dot`, `COLUMN_dot4` | central and fourth difference of the column per sample |
+    /// | `COLUMN_lag_N` | value of the column N samples earlier |
+    /// | `mag_2_3_uc` | `mag_2_uc` minus `mag_3_uc`, for any two magnetometers |
+    /// | `lpf_COLUMN` | the column, low-passed at 0.2 Hz |
     /// | `dcm`, `dcm_1` to `dcm_9` | direction cosines, north-east-down to body, column by column |
     /// | `crcy`, ... `srsp` | products of cosines and sines (c, s) of roll, pitch and yaw |
-    /// | `TL_A_flux_a` | the Tolles-Lawson terms of a vector magnetometer |
-    /// | `ETL_COLUMN` | the terms `COLUMN_1` to `COLUMN_7` of the extended Tolles-Lawson model, those of `groups` |
-    /// | `core_flux_a` | the 21 terms of the core-field model; needs `igrf_x`, `igrf_y`, `igrf_z` of `core_field` |
-    /// | `slope`, `slope_quadratic` | easting and northing in km, with their squares and product: the geology's slope |
+    /// | `TL_A_flux_a` | Tolles-Lawson terms of a vector magnetometer |
+    /// | `ETL_COLUMN` | terms `COLUMN_1` to `COLUMN_7` of the extended Tolles-Lawson model, for `groups` |
+    /// | `core_flux_a` | 21 terms of the core-field model; requires `igrf_x`, `igrf_y`, `igrf_z` of `core_field` |
+    /// | `slope`, `slope_quadratic` | easting and northing, km, with squares and product: the slope of the anomaly |
     ///
-    /// Three names stand for sets: `down_selected` (thesis 000, Table C.1), `small_1` and `small_2` (its section 4.9) with
-    /// the magnetometer `mag` and the vector magnetometer `vector`.
+    /// Three names denote sets: `down_selected` (thesis 000, Table C.1), `small_1` and `small_2` (thesis 000, section
+    /// 4.9). The small sets use the magnetometer `mag` and the vector magnetometer `vector`.
     ///
-    /// Differences and lags are per sample: the field's metadata `per_sample` names them, with the rate in `rate_hz` where a
-    /// `resample` set it, and what applies a model at another rate converts the differences and refuses the lags. A column of
-    /// the table, such as one of `derivative`, is taken as it is at any rate.
+    /// Differences and lags are per sample. The field's metadata `per_sample` lists them, and `rate_hz` holds the
+    /// sample rate where a `resample` set it. A stage that applies a model at another rate converts the differences and
+    /// rejects the lags. A column of the table, such as one of `derivative`, is used unchanged at any rate.
     ///
-    /// Differences, lags and filters stay within a run of samples without gaps; where one cannot be formed it is NaN, and
-    /// `fit` leaves the row out. A truth column is refused, and so is a feature of which a part is missing.
+    /// Differences, lags and filters stay within a run of samples without gaps. A feature is NaN where it cannot be
+    /// computed, and `fit` omits that row. Truth columns and features with missing inputs are rejected.
     ///
     /// Source: thesis 000, section 4.8 and appendix C; thesis 004, sections 2.2.2 and 2.3; thesis 001, appendix B; names
     /// of MagNav.jl.
@@ -61,36 +60,36 @@ stage    = "features"
 input    = "resample"
 features = ["mag_4_uc", "mag_4_uc_dot", "TL_A_flux_a"]
 "#;
-    /// The features, in the order of the list.
+    /// Features, in the order of the list.
     features: Vec<String>, unit "";
-    /// The groups of Tolles-Lawson terms behind `TL_A_...`.
-    terms: Option<Vec<String>>, unit "", absent "permanent, induced and eddy; with a set of the thesis permanent, induced and derivative";
-    /// The scale of induced, eddy and core-field terms.
+    /// Groups of Tolles-Lawson terms in `TL_A_...`.
+    terms: Option<Vec<String>>, unit "", absent "permanent, induced and eddy; for a set of thesis 000: permanent, induced and derivative";
+    /// Scale of the induced, eddy and core-field terms.
     bt_scale_nt: f64, unit "nT", default 50_000.0, rule Rule::Positive;
-    /// The vector magnetometer whose direction projects the inputs of `ETL_...`, and that of the small sets.
-    vector: Option<String>, unit "", absent "`ETL_...` and the small sets are errors";
-    /// The magnetometer of the small sets.
-    mag: Option<String>, unit "nT", absent "the small sets are errors";
-    /// The groups of the extended model: 1 raw, 2 projected on the field's direction, 3 the change projected.
+    /// Vector magnetometer of the small sets. Its direction also projects the inputs of `ETL_...`.
+    vector: Option<String>, unit "", absent "`ETL_...` and the small sets are rejected";
+    /// Scalar magnetometer of the small sets.
+    mag: Option<String>, unit "nT", absent "the small sets are rejected";
+    /// Groups of the extended model: 1 raw, 2 projected on the direction of the field, 3 rate of change, projected.
     groups: Vec<usize>, unit "", default [1usize, 2, 3];
-    /// Latitude and longitude, in degrees, that `slope` counts from.
+    /// Latitude and longitude, in degrees, of the origin of `slope`.
     origin: Option<Vec<f64>>, unit "deg", absent "the line's first sample";
-    /// Where `slope` takes the position from.
+    /// Position used by `slope`.
     position: PositionOf, unit "", default PositionOf::Ins;
-    /// Whether a truth column may be a feature.
+    /// Allows truth columns as features.
     allow_truth: bool, unit "", default false;
 }
 
-/// Corner and order of `lpf_...`, those of MagNav.jl.
+/// Corner frequency, Hz, and order of `lpf_...`, as in MagNav.jl.
 const LOW_PASS: (f64, usize) = (0.2, 4);
 const ATTITUDE: [&str; 3] = ["ins_roll", "ins_pitch", "ins_yaw"];
 const CORE: [&str; 3] = ["igrf_x", "igrf_y", "igrf_z"];
-/// Names that stand for several features.
+/// Names of sets of features.
 const SETS: [&str; 3] = ["down_selected", "small_1", "small_2"];
-/// The most samples that a lag may have.
+/// Largest lag, in samples.
 const MOST_LAG: usize = 1000;
 
-/// One feature, understood.
+/// One feature, parsed.
 #[derive(Clone, Debug, PartialEq)]
 enum Recipe {
     Plain(String),
@@ -115,7 +114,7 @@ fn gradient(name: &str) -> Option<(String, String)> {
 }
 
 impl Recipe {
-    /// The columns it reads.
+    /// Columns that the feature reads.
     fn reads(&self, stage: &Features) -> Vec<String> {
         let own = |names: [&str; 3]| names.map(str::to_owned).to_vec();
         match self {
@@ -132,7 +131,7 @@ impl Recipe {
         }
     }
 
-    /// The law of those of its names that depend on the sample rate.
+    /// Rate law of a name that depends on the sample rate.
     fn law(&self, name: &str) -> Option<RateLaw> {
         match self {
             Recipe::Difference(_, Scheme::Fourth) => Some(RateLaw::Difference(4)),
@@ -175,10 +174,10 @@ impl Features {
         Terms::new(&self.terms.clone().unwrap_or_else(usual)).map_err(|e| Fault::new(e.to_string()).of_param("terms"))
     }
 
-    /// The names that a set stands for; any other name stands for itself.
+    /// Features of a set; any other name is returned unchanged.
     fn spelt(&self, name: &str) -> Result<Vec<String>, Fault> {
         let need = |given: &Option<String>, param: &'static str| {
-            let missing = || Fault::new(format!("the set `{name}` needs `{param}`")).of_param("features");
+            let missing = || Fault::new(format!("the set `{name}` requires `{param}`; set it")).of_param("features");
             given.clone().ok_or_else(missing)
         };
         match name {
@@ -196,7 +195,7 @@ impl Features {
         }
     }
 
-    /// All features, understood with the columns there are.
+    /// All features, parsed with the available columns.
     fn recipes(&self, has: &dyn Fn(&str) -> bool) -> Result<Vec<Recipe>, Vec<Fault>> {
         let (mut out, mut faults) = (vec![], vec![]);
         for given in &self.features {
@@ -206,14 +205,14 @@ impl Features {
             }
         }
         if self.features.is_empty() {
-            faults.push(Fault::new("there is no feature to make").of_param("features"));
+            faults.push(Fault::new("`features` is empty; add at least one feature").of_param("features"));
         }
         if faults.is_empty() { Ok(out) } else { Err(faults) }
     }
 
     fn recipe(&self, name: &str, has: &dyn Fn(&str) -> bool) -> Vec<Recipe> {
         let plain = || vec![Recipe::Plain(name.to_owned())];
-        // A column of that name comes first: what is recorded is not made again.
+        // A column of that name takes precedence; a recorded value is not computed again.
         if has(name) {
             return plain();
         }
@@ -266,10 +265,10 @@ impl Features {
         wanted.map(|(_, group)| Recipe::Extended(column.to_owned(), group)).collect()
     }
 
-    /// Everything that is wrong with one feature.
+    /// First fault of a feature.
     fn check(&self, recipe: &Recipe, shape: &Shape) -> Option<Fault> {
         if matches!(recipe, Recipe::Extended(_, g) if *g != Group::Raw) && self.vector.is_none() {
-            let what = "inputs are projected on the direction of a vector magnetometer: say which in `vector`";
+            let what = "`ETL_...` projects its inputs on the direction of a vector magnetometer; set `vector`";
             return Some(Fault::new(what).of_param("features"));
         }
         recipe.reads(self).iter().find_map(|name| {
@@ -279,7 +278,7 @@ impl Features {
             });
             let help = matches!(recipe, Recipe::Core(_)) && CORE.contains(&name.as_str());
             let fault = found.err()?;
-            let fault = if help { fault.help("append the core field first, with `core_field`") } else { fault };
+            let fault = if help { fault.help("add a `core_field` stage before this one") } else { fault };
             Some(fault.of_param("features"))
         })
     }
@@ -292,10 +291,10 @@ impl Stage for Features {
         let mut faults: Vec<Fault> = recipes.iter().filter_map(|r| self.check(r, shape)).collect();
         faults.dedup_by(|a, b| a.what == b.what);
         if let Some(k) = self.groups.iter().find(|k| !(1..=3).contains(*k)) {
-            faults.push(Fault::new(format!("there is no group {k}: there are 1, 2 and 3")).of_param("groups"));
+            faults.push(Fault::new(format!("there is no group {k}; the groups are 1, 2 and 3")).of_param("groups"));
         }
         if self.origin.as_ref().is_some_and(|o| o.len() != 2) {
-            faults.push(Fault::new("`origin` is a latitude and a longitude").of_param("origin"));
+            faults.push(Fault::new("`origin` must be a latitude and a longitude, in degrees").of_param("origin"));
         }
         let terms = self.terms();
         faults.extend(terms.as_ref().err().cloned());
@@ -356,7 +355,7 @@ struct Samples<'a> {
     batch: &'a RecordBatch,
     tt: &'a [f64],
     terms: Terms,
-    /// The direction cosines of the vector that inputs are projected on, once they are needed.
+    /// Direction cosines of the vector magnetometer that inputs are projected on, computed on first use.
     direction: OnceCell<[Vec<f64>; 3]>,
 }
 
@@ -395,7 +394,7 @@ impl Samples<'_> {
         even_rate_hz(self.tt)
     }
 
-    /// What `of` makes of each run without gaps; NaN elsewhere and where it makes nothing.
+    /// Applies `of` to each run without gaps. NaN elsewhere, and where `of` returns nothing.
     fn in_runs(&self, x: &[f64], of: impl Fn(&[f64]) -> Option<Vec<f64>>) -> Result<Vec<f64>, Fault> {
         let mut out = vec![f64::NAN; x.len()];
         for run in Usable::all(x.len()).and_finite(x).runs_in_time(self.tt, self.rate_hz()?) {
@@ -408,7 +407,8 @@ impl Samples<'_> {
 
     fn low_passed(&self, name: &str) -> Result<Vec<f64>, Fault> {
         let (x, rate_hz) = (floats(self.batch, name)?, self.rate_hz()?);
-        let filter = design(0.0, LOW_PASS.0, LOW_PASS.1, rate_hz)?.ok_or_else(|| Fault::new("no corner"))?;
+        let filter = design(0.0, LOW_PASS.0, LOW_PASS.1, rate_hz)?
+            .ok_or_else(|| Fault::new("the filter has no corner frequency"))?;
         let runs = Usable::all(x.len()).and_finite(x).runs_in_time(self.tt, rate_hz);
         filter_column(&filter, x, &runs).map(|(y, _)| y).map_err(|e| data(e).in_column(name))
     }

@@ -13,20 +13,19 @@ use schemas::{Arrays, Fault};
 
 use crate::columns::{array, data, even_rate_hz, floats, is_angle};
 
-/// How columns of angles (unit deg) are filtered.
+/// Treatment of angles (unit deg).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Angles {
-    /// As they stand: a step over north is a step of a whole turn.
+    /// Unchanged: a crossing of north is a step of 360 degrees.
     AsNumbers,
-    /// Along the shorter arc, and back into the range that they had.
+    /// Unwrapped, filtered, and wrapped back into their original range.
     Unwrapped,
 }
 
-/// Each of `columns` of a line, filtered by what `design` makes for its sample rate. A gap ends a run, and a run shorter
-/// than the filter's padding becomes NaN.
+/// Columns of a line, each filtered run by run with the filter that `design` returns for the sample rate. A gap ends a
+/// run. A run shorter than the filter's padding becomes NaN.
 ///
-/// # Errors
-/// For samples that are not evenly spaced, a filter that cannot be designed, and a column without a run that is long
+/// # Errors If samples are not evenly spaced, the filter cannot be designed, or a column has no run that is long
 /// enough.
 pub fn filtered(
     batch: &RecordBatch,
@@ -44,7 +43,7 @@ pub fn filtered(
         let values = turned.as_deref().unwrap_or(x);
         let (mut y, report) = filter_column(&filter, values, &runs).map_err(|e| data(e).in_column(name))?;
         if report.rows == 0 {
-            let what = format!("no run of samples is as long as the filter needs ({} samples)", filter.least_rows());
+            let what = format!("no run of samples is long enough for the filter ({} samples)", filter.least_rows());
             return Err(Fault::data(what).in_column(name));
         }
         if turned.is_some() {

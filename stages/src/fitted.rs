@@ -1,4 +1,4 @@
-//! A fitted model as its table holds it, applied to a line.
+//! A fitted model, read from its table and applied to a line.
 
 use std::{cell::OnceCell, ops::Range};
 
@@ -12,58 +12,58 @@ use crate::{
     trained::{Learned, Prediction},
 };
 
-/// How a model predicts.
+/// Form of a model.
 pub enum Body {
-    /// Coefficients times terms.
+    /// Coefficients and terms of a linear model.
     Linear { terms: Vec<String>, values: Vec<f64> },
-    /// In another way.
+    /// Nonlinear model.
     Learned(Box<Learned>),
 }
 
-/// A model of the table of a `fit`.
+/// Model read from the table of a `fit`.
 pub struct Fitted {
-    /// How it predicts.
+    /// Form of the model.
     pub body: Body,
-    /// The rate at which its terms were differences per sample, Hz; `None` of a table that does not say.
+    /// Rate at which its terms were differences per sample, Hz. `None` if the table does not state it.
     pub rate_hz: Option<f64>,
 }
 
 impl Fitted {
-    /// The model of a table, without these terms of it.
+    /// Reads the model of a table and omits the terms `without`.
     ///
-    /// # Errors
-    /// When the table is not whole, or has no such term to leave out.
+    /// # Errors If the table is incomplete, or a term to omit is missing.
     pub fn read(table: &RecordBatch, without: &[String]) -> Result<Self, Fault> {
         let values = floats(table, "value")?;
         let terms = table.column_by_name("term").and_then(|t| t.as_string_opt::<i32>());
-        let terms = terms.ok_or_else(|| Fault::data("the model names no terms"))?;
+        let terms = terms.ok_or_else(|| Fault::data("the model table has no column `term`"))?;
         let terms: Vec<String> = terms.iter().map(|t| t.unwrap_or_default().to_owned()).collect();
         let rate_hz = rate_of(table);
         if let Some(learned) = Learned::read(&terms, values)? {
             if !without.is_empty() {
-                let what = "the model is not linear: no term of it can be left out";
+                let what = "the model is nonlinear, so `without` cannot omit terms";
                 return Err(Fault::data(what).of_param("without"));
             }
             return Ok(Self { body: Body::Learned(Box::new(learned)), rate_hz });
         }
         if let Some(name) = without.iter().find(|w| !terms.contains(w)) {
-            return Err(Fault::data(format!("the model has no term `{name}` to leave out")).of_param("without"));
+            return Err(
+                Fault::data(format!("the model has no term `{name}`, which `without` names")).of_param("without")
+            );
         }
         let kept = terms.into_iter().zip(values.iter().copied()).filter(|(t, _)| !without.contains(t));
         let (terms, values) = kept.unzip();
         Ok(Self { body: Body::Linear { terms, values }, rate_hz })
     }
 
-    /// What it predicts of a line of `rows` rows; NaN where a column that it needs is. Entries that are differences per
+    /// Prediction for a line with `rows` rows. NaN where a required column is NaN. Entries that are differences per
     /// sample are converted to the rate of the model.
     ///
-    /// # Errors
-    /// When the line lacks a column, or an entry cannot be converted.
+    /// # Errors If the line lacks a column, or an entry cannot be converted.
     pub fn predict(&self, line: &RecordBatch, rows: usize) -> Result<Prediction, Fault> {
         predict(&Sources::new(line, self.rate_hz)?, &self.body, rows)
     }
 
-    /// The entries of the features that it needs.
+    /// Entries of the features that the model requires.
     pub fn columns(&self) -> Vec<String> {
         match &self.body {
             Body::Linear { terms, .. } => terms.iter().filter(|t| *t != INTERCEPT).cloned().collect(),
@@ -71,23 +71,22 @@ impl Fitted {
         }
     }
 
-    /// The values of [`Fitted::columns`] in each row of a line at the rate of the model, column by column.
+    /// Values of [`Fitted::columns`] in each row of a line at the rate of the model, column by column.
     ///
-    /// # Errors
-    /// As [`Fitted::predict`].
+    /// # Errors The same as [`Fitted::predict`].
     pub fn inputs(&self, line: &RecordBatch) -> Result<Vec<Vec<f64>>, Fault> {
         let sources = Sources::new(line, self.rate_hz)?;
         self.columns().iter().map(|name| Ok(sources.find(name)?.values().collect())).collect()
     }
 
-    /// The coefficients of [`Fitted::columns`] of a linear model, and its constant.
+    /// Coefficients of [`Fitted::columns`] of a linear model, and its constant.
     pub fn coefficients(&self) -> Option<(Vec<f64>, f64)> {
         let Body::Linear { terms, values } = &self.body else { return None };
         let of = |constant: bool| terms.iter().zip(values).filter(move |(t, _)| (*t == INTERCEPT) == constant);
         Some((of(false).map(|(_, v)| *v).collect(), of(true).map(|(_, v)| v).sum()))
     }
 
-    /// The field of rows of [`Fitted::columns`], row-major, all of them finite.
+    /// Predicted field for rows of [`Fitted::columns`], nT. Rows are row-major and finite.
     pub fn field_nt(&self, x: &[f64]) -> Vec<f64> {
         match (&self.body, self.coefficients()) {
             (Body::Learned(learned), _) => {
@@ -102,7 +101,7 @@ impl Fitted {
     }
 }
 
-/// Where a term's values are: an entry of a list column, or a column of its own.
+/// Source of the values of a term: an entry of a list column, or a column.
 enum Source<'a> {
     Entry { rows: &'a [f64], width: usize, at: usize, factor: f64 },
     Column(&'a [f64]),
@@ -118,11 +117,11 @@ impl Source<'_> {
     }
 }
 
-/// The columns and entries of lists of a line.
+/// Columns of a line, and entries of its list columns.
 struct Sources<'a> {
     batch: &'a RecordBatch,
     lists: Vec<List<'a>>,
-    /// The rate of the model, Hz.
+    /// Rate of the model, Hz.
     rate_hz: Option<f64>,
 }
 
@@ -157,12 +156,12 @@ impl<'a> Sources<'a> {
     }
 }
 
-/// The rate of the lines of a fit, of its table; `None` of a table that does not say.
+/// Rate of the lines of a fit, from its table, Hz. `None` if the table does not state it.
 pub fn rate_of(table: &RecordBatch) -> Option<f64> {
     floats(table, RATE).ok()?.first().copied().filter(|rate_hz| *rate_hz > 0.0)
 }
 
-/// The aircraft's field, sample by sample.
+/// Predicted field of each sample, nT.
 fn predict(sources: &Sources, body: &Body, rows: usize) -> Result<Prediction, Fault> {
     match body {
         Body::Linear { terms, values } => {
@@ -180,7 +179,7 @@ fn predict(sources: &Sources, body: &Body, rows: usize) -> Result<Prediction, Fa
     }
 }
 
-/// What a model that is not linear predicts; NaN where a column that it needs is.
+/// Prediction of a nonlinear model. NaN where a required column is NaN.
 fn predict_rows(sources: &Sources, learned: &Learned, rows: usize) -> Result<Prediction, Fault> {
     let columns = learned.columns().iter().map(|name| sources.find(name)).collect::<Result<Vec<_>, Fault>>()?;
     let columns: Vec<Vec<f64>> = columns.iter().map(|source| source.values().collect()).collect();

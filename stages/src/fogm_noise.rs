@@ -1,4 +1,4 @@
-//! The noise of a residual, by the fit of a white and a Gauss-Markov part.
+//! Noise of a residual: fit of white and first-order Gauss-Markov noise.
 
 use std::sync::Arc;
 
@@ -17,21 +17,24 @@ use crate::{
 };
 
 stage! {
-    /// Finds the white noise and the first-order Gauss-Markov noise that fit a residual best, on the lines that `where`
-    /// selects: sigma and time constant of what lasts, for `fogm_sigma_nt` and `fogm_tau_s` of `navigate`, with the white
-    /// part apart from it for `measurement_sigma_nt`. `assume_noise` takes its table.
+    /// Fits white noise and first-order Gauss-Markov noise to a residual, on the lines that `where` selects. The
+    /// standard deviation and the time constant of the Gauss-Markov noise suit `fogm_sigma_nt` and `fogm_tau_s` of
+    /// `navigate`. The white noise suits `measurement_sigma_nt`. `assume_noise` reads the table.
     ///
-    /// The residual is `column`, less `truth` where that is given: a compensated signal less the true one, a base station's
-    /// variation, or the `residual` of a track over a stretch where its filter used nothing. Where `residual_noise` gives
-    /// the least noise that bounds a signal at every span, for a filter that shall not trust it too much, this is the best
-    /// estimate of a noise that has one time scale; noise with several is missed in part.
+    /// The residual is `column`, minus `truth` if that is set. Examples are a compensated signal minus the true one,
+    /// the variation of a base station, or the `residual` of a track over a stretch where its filter used no
+    /// measurements. `residual_noise` gives the smallest noise that bounds a signal at every time span, for a cautious
+    /// filter. `fogm_noise` gives the best fit for noise with one time scale. It represents noise with several time
+    /// scales only in part.
     ///
-    /// By the autocorrelation, the variance less the autocovariance at lags from a sample to a quarter of the longest run
-    /// is fitted; by `allan`, the Allan variance. No constant matters to either. A gap ends a run. Without a lasting part
-    /// beyond chance, sigma is 0 and the time constant is the step between samples. The white part is at least 0.01 nT.
+    /// `autocorrelation` fits the variance minus the autocovariance at lags from one sample to a quarter of the longest
+    /// run. `allan` fits the Allan variance. Neither depends on a constant. A gap ends a run. If the Gauss-Markov noise
+    /// is not significant, its standard deviation is 0 and the time constant is the sample interval. The white noise is
+    /// at least 0.01 nT.
     ///
-    /// It refuses records without a run of 64 samples, a constant, lines of different sample rates, and records that last
-    /// less than 20 (or in their longest run less than 8) of their own time constants, which such a record does not tell.
+    /// These are rejected: records without a run of 64 samples, constant records, and lines with different sample
+    /// rates. A record must also last 20 time constants in total and 8 in its longest run. A shorter record does not
+    /// determine the time constant.
     ///
     /// Source: Cressie 1993, section 2.6; IEEE Std 952-1997, annex C; Brown & Hwang 2012, section 3.8.
     FogmNoise = "fogm_noise", version 1, grain Survey, inputs [input: Lines],
@@ -43,16 +46,16 @@ input  = "compensate"
 column = "mag_c"
 truth  = "mag_1_c"
 "#;
-    /// The residual, or the signal that `truth` is taken off.
+    /// Residual, or the signal from which `truth` is subtracted.
     column: String, unit "nT", default "residual";
-    /// What is taken off it, such as `mag_1_c`.
+    /// Column to subtract, such as `mag_1_c`.
     truth: Option<String>, unit "nT", absent "nothing";
-    /// What is fitted.
+    /// Statistic that is fitted.
     method: FitBy, unit "", default FitBy::Autocorrelation;
 }
 
 impl FogmNoise {
-    /// The residual of a line, run by run.
+    /// Residual of a line, run by run.
     fn runs(&self, batch: &RecordBatch, line: &LineIn) -> Result<Runs, Fault> {
         let tt = floats(batch, "tt")?;
         let rate_hz = even_rate_hz(tt)?;
@@ -78,10 +81,10 @@ impl Stage for FogmNoise {
         }
         let reads: Vec<&str> = named().map(|(name, _)| name.as_str()).chain(["tt"]).collect();
         let columns = vec![
-            Column::float(RESIDUAL[0], "nT", "white part of the noise, a sample"),
-            Column::float(RESIDUAL[1], "nT", "Gauss-Markov part of the noise"),
-            Column::float(RESIDUAL[2], "s", "time constant of that part"),
-            Column::integer("n", "", "samples behind it"),
+            Column::float(RESIDUAL[0], "nT", "standard deviation of the white noise of one sample"),
+            Column::float(RESIDUAL[1], "nT", "standard deviation of the Gauss-Markov noise"),
+            Column::float(RESIDUAL[2], "s", "time constant of the Gauss-Markov noise"),
+            Column::integer("n", "", "number of samples used"),
         ];
         let columns = columns.into_iter().map(|c| c.from(0, &reads)).collect();
         Ok(Yield { passes: Passes::None, ..Yield::append(columns, &reads) })
@@ -96,12 +99,12 @@ impl SurveyStage for FogmNoise {
     }
 }
 
-/// The points of a sweep over the lines of a residual.
+/// Gathers the points of a sweep over the lines of a residual.
 pub struct FogmGather {
     points: Vec<FogmNoise>,
 }
 
-/// The residual of one line at each point of a sweep.
+/// Residual of one line at each point of a sweep.
 pub struct Part {
     lines: Vec<Result<Runs, Fault>>,
 }
@@ -131,16 +134,16 @@ impl Gather for FogmGather {
     }
 }
 
-/// The noise of all lines.
+/// Noise of all lines.
 fn found(point: &FogmNoise, lines: &[&Runs]) -> Result<Product, Fault> {
     let rate_hz = lines.first().map_or(1.0, |line| line.rate_hz);
     if let Some(other) = lines.iter().find(|line| (line.rate_hz / rate_hz - 1.0).abs() > 1e-6) {
         let what = format!("the lines have different sample rates: {rate_hz} and {} Hz", other.rate_hz);
-        return Err(Fault::data(what).in_column("tt").help("resample them to one rate"));
+        return Err(Fault::data(what).in_column("tt").help("use `resample` to give them one rate"));
     }
     let runs: Vec<&[f64]> = lines.iter().flat_map(|line| &line.runs).map(Vec::as_slice).collect();
     let noise = fit(&runs, rate_hz, point.method).map_err(|e| {
-        let help = "select longer lines with `where`, or take the bound of `residual_noise`";
+        let help = "select longer lines with `where`, or use the bound of `residual_noise`";
         data(e).in_column(&point.column).help(help)
     })?;
     let n: i64 = runs.iter().map(|run| run.len() as i64).sum();

@@ -1,4 +1,4 @@
-//! How much later columns are than a reference.
+//! Lags of columns against a reference.
 
 use std::sync::Arc;
 
@@ -18,20 +18,21 @@ use crate::{
 };
 
 stage! {
-    /// Finds how much later each of `columns` reports than `reference`, on each line that `where` selects, by the peak of
-    /// their cross-correlation: a row for each line and column with `lag_s`, which `resample` takes out by its `lag_s`.
+    /// Estimates the lag of each of `columns` against `reference` on each line that `where` selects. The lag is at the
+    /// peak of the cross-correlation. Each line and column gives a row with `lag_s`, which the parameter `lag_s` of
+    /// `resample` removes.
     ///
-    /// A lag of 0.06 s means column(t) = reference(t - 0.06 s), but for a factor and a constant. Both must see the same
-    /// thing: two magnetometers in a manoeuvre, the magnitude of a vector magnetometer and a scalar one, the rate of turn
-    /// and the derivative of a heading. What is slow has a flat peak, so take it off by `low_hz`, or by `derivative`
-    /// before. Samples are evenly spaced; bring sensors of their own rates onto one grid by `resample` first, at a rate
-    /// that is not below theirs.
+    /// A lag of 0.06 s means column(t) = reference(t - 0.06 s), up to a factor and a constant. Both must measure the
+    /// same quantity. Examples are two magnetometers in a manoeuvre, the magnitude of a vector magnetometer and a
+    /// scalar magnetometer, or the turn rate and the derivative of a heading. Slow signals have a flat peak, so remove
+    /// them with `low_hz` or with a `derivative` stage before this one. Samples must be evenly spaced. Bring sensors
+    /// with different rates onto one grid with `resample`, at a rate not below theirs.
     ///
-    /// `sd_s` is the standard error where what the two do not share is white noise, and too small where that lasts;
-    /// `correlation` is the coefficient at the peak, and `next_peak` the height of the next highest peak over it: near 1
-    /// the lag is ambiguous, and periodic signals are. `n` counts the pairs of samples. A line without a peak within
-    /// `most_s`, a constant column and a line that is too short have NaN, and a warning says why. Missing samples are left
-    /// out.
+    /// `sd_s` is the standard error if the difference of the two signals is white noise. It is too small for correlated
+    /// noise. `correlation` is the correlation coefficient at the peak. `next_peak` is the height of the next highest
+    /// peak divided by that of the peak. Near 1 the lag is ambiguous, as for periodic signals. `n` is the number of
+    /// pairs of samples. The lag is NaN, with a warning, if a line has no peak within `most_s`, a column is constant,
+    /// or a line is too short. Missing samples are omitted.
     ///
     /// Source: Carter 1987, Coherence and time delay estimation, Proc. IEEE 75(2).
     LagStage = "lag", version 1, grain Survey, inputs [input: Lines],
@@ -44,27 +45,27 @@ columns   = ["mag_5_uc"]
 reference = "mag_4_uc"
 low_hz    = 0.05
 "#;
-    /// The columns whose lags are sought.
+    /// Columns whose lags are estimated.
     columns: Vec<String>, unit "";
-    /// The column against which they are late.
+    /// Column against which the lags are measured.
     reference: String, unit "";
-    /// The largest lag, to either side.
+    /// Largest lag, in either direction.
     most_s: f64, unit "s", default 2.0, rule Rule::Positive;
-    /// Whether a column may be turned over against the reference.
+    /// Also accepts a negative correlation, for columns with opposite signs.
     either_sign: bool, unit "", default false;
-    /// The lower corner of a band-pass of both; 0 leaves it off.
+    /// Lower corner frequency of a band-pass of both signals. 0 removes it.
     low_hz: f64, unit "Hz", default 0.0, rule Rule::NotNegative;
-    /// Its upper corner; 0 leaves it off.
+    /// Upper corner frequency of the band-pass. 0 removes it.
     high_hz: f64, unit "Hz", default 0.0, rule Rule::NotNegative;
-    /// The order of its Butterworth prototype.
+    /// Order of the Butterworth prototype of the band-pass.
     order: usize, unit "", default 4usize, rule Rule::Between(1.0, 12.0);
 }
 
-/// The lag of a column, or why it has none.
+/// Lag of a column, or the reason why it has none.
 type Found = Result<Lag, String>;
 
 impl LagStage {
-    /// A column as it is compared: NaN where it is missing or not selected.
+    /// Column as it is correlated. NaN where it is missing or not selected.
     fn signal(
         &self,
         batch: &RecordBatch,
@@ -84,16 +85,16 @@ impl LagStage {
         Ok(filtered.into_iter().enumerate().map(|(row, x)| if kept(row) { x } else { f64::NAN }).collect())
     }
 
-    /// The lag of each column.
+    /// Lag of each column.
     fn lags(&self, line: &LineIn) -> Result<Vec<Found>, Fault> {
         let batch = line.inputs.first().ok_or_else(|| Fault::bug("a stage without an input"))?;
         let tt = floats(batch, "tt")?;
         let rate_hz = even_rate_hz(tt)?;
-        // Pairs are counted by rows, so that a gap in time needs its rows.
+        // Pairs are counted by rows, so rows must be present in a gap in time.
         let whole = Usable::all(tt.len()).runs_in_time(tt, rate_hz).len();
         if whole > 1 {
             let fault = Fault::data(format!("the line has {} gaps in time", whole - 1)).in_column("tt");
-            return Err(fault.help("`resample` keeps the times inside of a gap; select rows by `where` of this stage"));
+            return Err(fault.help("`resample` keeps the times inside a gap; select rows with `where` of this stage"));
         }
         let of = |name: &str| self.signal(batch, name, rate_hz, line.keep.as_ref());
         let reference = of(&self.reference)?;
@@ -112,7 +113,10 @@ impl Stage for LagStage {
         faults.extend(not_numbers_among(shape, std::slice::from_ref(&self.reference), "reference"));
         faults.extend(band(self.low_hz, self.high_hz, shape.rate_hz));
         if self.columns.contains(&self.reference) {
-            let what = format!("`{}` has no lag against itself", self.reference);
+            let what = format!(
+                "`{}` is the reference and has no lag against itself; remove it from `columns`",
+                self.reference
+            );
             faults.push(Fault::new(what).of_param("columns"));
         }
         if !faults.is_empty() {
@@ -123,12 +127,12 @@ impl Stage for LagStage {
         let columns = vec![
             Column::text("flight", "flight identifier").role(Role::Key),
             Column::text("line", "line identifier").role(Role::Key),
-            Column::text("column", "the column whose lag it is").role(Role::Key),
-            Column::float("lag_s", "s", "how much later the column is than the reference"),
-            Column::float("sd_s", "s", "its standard error in white noise"),
-            Column::float("correlation", "1", "coefficient of correlation at the peak"),
-            Column::float("next_peak", "1", "height of the next highest peak over that of the highest"),
-            Column::integer("n", "", "pairs of samples behind it"),
+            Column::text("column", "name of the column").role(Role::Key),
+            Column::float("lag_s", "s", "lag of the column against the reference, positive when the column is late"),
+            Column::float("sd_s", "s", "standard error of the lag for white noise"),
+            Column::float("correlation", "1", "correlation coefficient at the peak"),
+            Column::float("next_peak", "1", "height of the next highest peak divided by that of the peak"),
+            Column::integer("n", "", "number of pairs of samples used"),
         ];
         let columns = columns.into_iter().map(|c| c.from(0, &reads)).collect();
         Ok(Yield { passes: Passes::None, ..Yield::append(columns, &reads) })
@@ -143,12 +147,12 @@ impl SurveyStage for LagStage {
     }
 }
 
-/// The points of a sweep over the same lines.
+/// Gathers the points of a sweep over the same lines.
 pub struct LagGather {
     points: Vec<LagStage>,
 }
 
-/// The lags of one line at each point of a sweep.
+/// Lags of one line at each point of a sweep.
 pub struct Part {
     flight: String,
     line: String,
@@ -172,7 +176,7 @@ impl Gather for LagGather {
     }
 }
 
-/// The table of one point.
+/// Table of one point.
 fn table(point: &LagStage, i: usize, parts: &[Part]) -> Product {
     let mut warnings = vec![];
     let mut rows: Vec<([&str; 3], Option<&Lag>)> = vec![];

@@ -1,8 +1,7 @@
 //! Every built-in stage of magline, one file each.
 //!
-//! A stage file reads top to bottom: declaration, the columns it reads and makes, the run, tests. The mathematics is
-//! in the crate `numerics`; the stage borrows columns, calls one routine, and wraps the answer. A new stage is one file here
-//! and one line in [`catalogue`].
+//! A stage file contains, in this order: the declaration, the columns that the stage reads and makes, the run, and
+//! tests. The mathematics is in the crate `numerics`. A new stage is one file here and one line in [`catalogue`].
 
 mod a_matrix;
 mod bandpass;
@@ -52,8 +51,8 @@ pub mod trained;
 
 use schemas::Entry;
 
-/// What a program computes by: every stage, and what the keys of stages choose from. [`Catalogue::default`] holds all that
-/// is built in; a program of your own adds to it, and passes [`Catalogue::entries`] on.
+/// Stages, models, filters and metrics of a program. [`Catalogue::default`] holds the built-in ones. A program with its
+/// own parts adds to it and passes [`Catalogue::entries`] on.
 ///
 /// ```
 /// let catalogue = stages::Catalogue::default();
@@ -66,7 +65,7 @@ pub struct Catalogue {
     pub filters: Vec<&'static navigate::Filter>,
     /// Metrics of `score`.
     pub metrics: Vec<&'static score::Scorer>,
-    /// Stages besides those that are built in.
+    /// Stages in addition to the built-in ones.
     pub stages: Vec<Entry>,
 }
 

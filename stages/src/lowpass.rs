@@ -13,14 +13,14 @@ use crate::{
 };
 
 stage! {
-    /// Removes what is faster than a corner, without lag, and appends `<column>_lp`.
+    /// Removes frequencies above a corner without lag and appends `<column>_lp`.
     ///
-    /// The filter is that of `bandpass` without its lower corner. With `for_rate_hz` in place of `corner_hz` it is one
-    /// before a `resample` to that lower rate: of order 8 with its corner at 0.8 of half of the new rate, where 31 dB are
-    /// gone at that half, so that next to nothing folds back.
+    /// The filter is that of `bandpass` without a lower corner. With `for_rate_hz` instead of `corner_hz` it is an
+    /// anti-alias filter before a `resample` to that rate. It then has order 8 and its corner at 0.8 of the new Nyquist
+    /// frequency, where it attenuates by 31 dB.
     ///
-    /// Angles (unit deg) are filtered along the shorter arc. Within about one over the corner of the ends of a run a slope is
-    /// bent. Gaps, short runs and uneven samples are as in `bandpass`.
+    /// Angles (unit deg) are filtered along the shorter arc. A slope is distorted within about 1/corner of the ends of
+    /// a run. Gaps, short runs and uneven samples are treated as in `bandpass`.
     ///
     /// Source: F. Gustafsson, Determining the initial states in forward-backward filtering, 1996.
     Lowpass = "lowpass", version 2, grain Line, inputs [input: Lines],
@@ -32,18 +32,18 @@ input     = "resample"
 columns   = ["mag_4_uc"]
 corner_hz = 1.0
 "#;
-    /// The columns to filter.
+    /// Columns to filter.
     columns: Vec<String>, unit "";
-    /// The corner, at which half of the amplitude is left after both passes.
-    corner_hz: Option<f64>, unit "Hz", absent "that of `for_rate_hz`", rule Rule::Positive;
-    /// The lower rate that the columns are to be resampled to.
-    for_rate_hz: Option<f64>, unit "Hz", absent "`corner_hz` says the corner", rule Rule::Positive;
-    /// The order of the Butterworth filter.
+    /// Corner frequency. Both passes together halve the amplitude there.
+    corner_hz: Option<f64>, unit "Hz", absent "set by `for_rate_hz`", rule Rule::Positive;
+    /// Lower sample rate to which the columns will be resampled.
+    for_rate_hz: Option<f64>, unit "Hz", absent "set by `corner_hz`", rule Rule::Positive;
+    /// Order of the Butterworth filter.
     order: Option<usize>, unit "", absent "4, or 8 with `for_rate_hz`", rule Rule::Between(1.0, 12.0);
 }
 
 impl Lowpass {
-    /// The corner; `None` where it is said twice or not at all.
+    /// Corner frequency, Hz. `None` if it is set twice or not at all.
     fn corner(&self) -> Option<f64> {
         match (self.corner_hz, self.for_rate_hz) {
             (Some(corner_hz), None) => Some(corner_hz),
@@ -69,7 +69,7 @@ impl Stage for Lowpass {
                 );
             }
             None => {
-                let what = "say either `corner_hz` or `for_rate_hz`";
+                let what = "set exactly one of `corner_hz` and `for_rate_hz`";
                 faults.push(Fault::new(what).of_param(param));
             }
         }
@@ -90,7 +90,7 @@ impl LineStage for Lowpass {
     }
 
     fn run(&self, line: &LineIn, (): &()) -> Arrays {
-        let high_hz = self.corner().ok_or_else(|| Fault::new("no corner"))?;
+        let high_hz = self.corner().ok_or_else(|| Fault::new("the filter has no corner frequency"))?;
         filtered(&line.inputs[0], &self.columns, Angles::Unwrapped, |rate_hz| {
             ZeroPhase::new(Band::Low { high_hz }, rate_hz, self.order()).map_err(data)
         })
@@ -156,10 +156,10 @@ mod tests {
         let of = |stage: Lowpass| said(stage.yields(&[&lines]).unwrap_err());
         assert!(of(lowpass(&["mag_4_uc"], Some(6.0), None)).ends_with("[corner_hz]"));
         assert!(of(lowpass(&["mag_4_uc"], None, Some(20.0))).ends_with("[for_rate_hz]"));
-        assert!(of(lowpass(&["mag_4_uc"], None, None)).contains("say either"));
-        assert!(of(lowpass(&["mag_4_uc"], Some(1.0), Some(1.0))).contains("say either"));
+        assert!(of(lowpass(&["mag_4_uc"], None, None)).contains("set exactly one"));
+        assert!(of(lowpass(&["mag_4_uc"], Some(1.0), Some(1.0))).contains("set exactly one"));
         assert!(of(lowpass(&["mag_5_uc"], Some(1.0), None)).contains("mag_4_uc"));
-        assert!(of(lowpass(&[], Some(1.0), None)).contains("no column is named"));
+        assert!(of(lowpass(&[], Some(1.0), None)).contains("the list of columns is empty"));
         let made = lowpass(&["mag_4_uc", "mag_1_c"], Some(1.0), None).yields(&[&lines]).unwrap().columns;
         let made: Vec<_> = made.iter().map(|c| (c.name.as_str(), c.unit.as_str(), c.role)).collect();
         assert_eq!(made, [("mag_4_uc_lp", "nT", Role::Derived), ("mag_1_c_lp", "nT", Role::Truth)]);

@@ -1,4 +1,4 @@
-//! Maps as stages of maps take and yield them.
+//! Conversion of maps between tables and grids, for stages of maps.
 
 use arrow_array::RecordBatch;
 use grids::AnomalyGrid;
@@ -8,32 +8,28 @@ use numerics::maps::{
 };
 use schemas::{Fault, Product};
 
-/// The columns of a map that a stage reads.
+/// Columns of a map that a stage reads.
 pub fn whole_map() -> Vec<String> {
     schemas::map::COLUMNS.iter().map(|(name, _)| (*name).to_owned()).collect()
 }
 
-/// The maps of a stage's inputs, each on its own grid.
+/// Maps of a stage's inputs, each on its native grid.
 ///
-/// # Errors
-/// A table that is not a map.
+/// # Errors If a table is not a map.
 pub fn grids(maps: &[RecordBatch]) -> Result<Vec<AnomalyGrid>, Fault> {
     maps.iter().map(|table| AnomalyGrid::of_table(table).map_err(Fault::from)).collect()
 }
 
-/// A map that a stage yields, with what is not to be trusted of it.
+/// Map that a stage returns, with its warnings.
 ///
-/// # Errors
-/// A map without a known value.
+/// # Errors If the map has no known value.
 pub fn made(map: &AnomalyGrid, warnings: Vec<String>) -> Result<Product, Fault> {
     Ok(Product { columns: map.made()?, warnings })
 }
 
-/// A map without unknown nodes, as transforms of the whole map need it: the unknown ones filled by the surface of
-/// minimum curvature.
+/// Map with its unknown nodes filled by minimum curvature, for transforms of the whole map.
 ///
-/// # Errors
-/// A map with too few known nodes.
+/// # Errors If the map has too few known nodes.
 pub fn without_gaps(map: &PlaneGrid) -> Result<PlaneGrid, FillError> {
     if map.unknown() == 0 { Ok(map.clone()) } else { smooth(map, &SmoothFill::default()).map(|(full, _)| full) }
 }

@@ -6,10 +6,10 @@ use schemas::{Arrays, Column, Fault, LineIn, LineStage, Stage, Table, Yield, sta
 use crate::columns::{array, faults_of, floats, no_truth, shape, vector_axes};
 
 stage! {
-    /// Appends the magnitude of a vector magnetometer, `flux_a_t` of `flux_a`, so that it can be compensated as a scalar
-    /// magnetometer is.
+    /// Appends the magnitude of a vector magnetometer, `flux_a_t` for `flux_a`. It can then be compensated like a
+    /// scalar magnetometer.
     ///
-    /// A column of that name that the flight has is replaced. A sample that lacks a component has NaN.
+    /// An existing column of that name is replaced. A sample with a missing component is NaN.
     ///
     /// Source: thesis 004, section 4.2.2 (its Tables 4.3 and 4.5).
     Magnitude = "magnitude", version 1, grain Line, inputs [input: Lines],
@@ -20,9 +20,9 @@ stage  = "magnitude"
 input  = "resample"
 vector = "flux_a"
 "#;
-    /// The vector magnetometer, such as `flux_a` for the columns `flux_a_x`, `flux_a_y` and `flux_a_z`.
+    /// Vector magnetometer, such as `flux_a` for the columns `flux_a_x`, `flux_a_y` and `flux_a_z`.
     vector: String, unit "";
-    /// Whether a truth column may be used.
+    /// Allows truth columns.
     allow_truth: bool, unit "", default false;
 }
 

@@ -1,4 +1,4 @@
-//! Brings a map to another height.
+//! Continues a map to another height.
 
 use arrow_array::RecordBatch;
 use grids::{AnomalyGrid, Height};
@@ -17,31 +17,31 @@ use crate::{
 };
 
 choice! {
-    /// A direction of differentiation.
+    /// Direction of differentiation.
     pub enum Along {
-        /// Upwards.
+        /// Up.
         Up = "up",
-        /// Northwards, along the map's northing.
+        /// North, along the northing of the map.
         North = "north",
-        /// Eastwards, along the map's easting.
+        /// East, along the easting of the map.
         East = "east",
-        /// Upwards, twice.
+        /// Up, second derivative.
         Up2 = "up2",
     }
 }
 
 stage! {
-    /// Continues a map to another height, or differentiates it: one level to another, a draped map to a level, or a
-    /// level to the heights of another map on the same grid (`drape`).
+    /// Continues a map to another height, or differentiates it. It continues one level to another, a draped map to a
+    /// level, or a level to the heights of another map on the same grid (`drape`).
     ///
-    /// Use it to bring a map to the height that is flown, or above the highest of several maps before they are
-    /// combined. Upward is a smoothing and safe. Downward amplifies what is short, noise first, so it is damped by
-    /// `alpha_m2`; what the damping takes off is lost. Unknown nodes are filled by the surface of minimum curvature for
-    /// the transform, and are unknown again in the answer. What lies past the map's edges is unknown: keep the distance
-    /// below 1/50 of the shorter side, or cut the edges afterwards.
+    /// Use it to bring a map to the flight height, or above the highest of several maps before they are combined.
+    /// Upward continuation is a stable smoothing. Downward continuation amplifies short wavelengths and noise, so it is
+    /// damped by `alpha_m2`. The damping removes part of the signal. Unknown nodes are filled by minimum curvature for
+    /// the transform and are unknown again in the result. The field beyond the map's edges is unknown. Keep the
+    /// distance below 1/50 of the shorter side, or remove the edges afterwards.
     ///
-    /// It refuses a map whose height is unknown, a derivative of a draped map, and a `drape` that is on another grid or
-    /// has one height for all nodes.
+    /// These are rejected: a map without a known height, a derivative of a draped map, and a `drape` that is on another
+    /// grid or has one height for all nodes.
     ///
     /// Source: Blakely 1996, sections 12.1 and 12.2; thesis 000, section 2.3 (downward).
     MapContinue = "map_continue", version 1, grain Map, inputs [map: Map, drape: Map optional],
@@ -52,37 +52,37 @@ stage = "map_continue"
 map   = "map_fill"
 to_m  = 400.0
 "#;
-    /// The height above the ellipsoid to which the map is continued.
+    /// Height above the WGS-84 ellipsoid to which the map is continued.
     to_m: Option<f64>, unit "m", absent "the map's own height, or the heights of `drape`";
-    /// Yields a derivative in nT/m (`up2`: nT/m2) in the place of the field.
+    /// Returns a derivative in nT/m (`up2`: nT/m2) instead of the field.
     derivative: Option<Along>, unit "", absent "the field itself";
-    /// The damping of a downward continuation; `auto` is the corner of its L-curve.
+    /// Damping of downward continuation. `auto` uses the corner of the L-curve.
     alpha_m2: OrAuto, unit "m2", default OrAuto::Auto, rule Rule::NotNegative;
-    /// Keeps values at nodes where the map has none.
+    /// Keeps values at nodes where the input map has none.
     keep_filled: bool, unit "", default false;
 }
 
-/// What became of a map that was continued.
+/// Result of a continuation.
 pub struct Continued {
     /// The map.
     pub map: AnomalyGrid,
-    /// What was done, in words.
+    /// Notes on the processing.
     pub notes: Vec<String>,
-    /// What is not to be trusted as it is.
+    /// Warnings about untrustworthy results.
     pub warnings: Vec<String>,
-    /// The L-curve of a downward continuation.
+    /// L-curve of a downward continuation.
     pub curve: Option<LCurve>,
-    /// The error at each node that the unknown field past the map's edges makes, in nT, where it was estimated.
+    /// Estimated error of each node from the unknown field beyond the map's edges, nT. `None` if it was not estimated.
     pub edge_error: Option<PlaneGrid>,
 }
 
-/// A map at work.
+/// Map during processing.
 struct Job<'a> {
     stage: &'a MapContinue,
     map: &'a AnomalyGrid,
-    /// As it is, with gaps.
+    /// The map with its gaps.
     original: PlaneGrid,
-    /// Without gaps.
+    /// The map without gaps.
     plane: PlaneGrid,
     notes: Vec<String>,
     warnings: Vec<String>,
@@ -91,31 +91,30 @@ struct Job<'a> {
 }
 
 impl MapContinue {
-    /// Refuses parameters that do not go together; `draped` says whether there are the heights of another map.
+    /// Rejects incompatible parameters. `draped` states whether the heights of another map are given.
     ///
-    /// # Errors
-    /// The parameter and the way out.
+    /// # Errors The parameter and the remedy.
     pub fn check(&self, draped: bool) -> Result<(), Fault> {
         match (draped, self.to_m, self.derivative) {
             (false, None, None) => {
-                let help = "say `to_m`, a `derivative`, or the map whose heights are taken as `drape`";
-                Err(Fault::new("nothing is asked of the map").help(help))
+                let help = "set `to_m`, `derivative` or `drape`";
+                Err(Fault::new("no continuation and no derivative is requested").help(help))
             }
             (true, Some(_), _) => {
-                Err(Fault::new("`to_m` and the heights of `drape` exclude each other").of_param("to_m"))
+                Err(Fault::new("`to_m` and `drape` cannot be combined; remove one of them").of_param("to_m"))
             }
             (true, _, Some(_)) => {
-                let fault = Fault::new("a derivative is of a level, not of the heights of `drape`");
+                let fault = Fault::new("`derivative` requires a level and cannot be combined with `drape`");
                 Err(fault.of_param("derivative"))
             }
             (_, Some(to_m), _) if !to_m.is_finite() => {
-                Err(Fault::new(format!("`to_m` is {to_m}, but must be a finite number")).of_param("to_m"))
+                Err(Fault::new(format!("`to_m` is {to_m} but must be a finite number, in metres")).of_param("to_m"))
             }
             _ => Ok(()),
         }
     }
 
-    /// Continues a map, to the heights of `drape` where there is one.
+    /// Continues a map, to the heights of `drape` if given.
     ///
     /// # Errors
     /// See [`MapContinue`].
@@ -132,11 +131,12 @@ impl MapContinue {
         let (plane, height) = match (drape, &map.height) {
             (Some(drape), Height::Level(level_m)) => job.onto(*level_m, drape)?,
             (Some(_), Height::Cells(_)) => {
-                return Err(Fault::data("the map is draped itself").help("continue it to a level with `to_m` first"));
+                return Err(Fault::data("the map is draped, so it cannot be continued to `drape`")
+                    .help("continue it to a level first with `map_continue` and `to_m`"));
             }
             (None, Height::Cells(_)) if self.derivative.is_some() => {
-                let fault = Fault::data("a draped map has no derivative");
-                return Err(fault.help("continue it to a level with `to_m` first"));
+                let fault = Fault::data("a draped map cannot be differentiated");
+                return Err(fault.help("continue it to a level first with `map_continue` and `to_m`"));
             }
             (None, Height::Cells(heights)) => job.drape_to(heights, self.to_m.unwrap_or(f64::NAN))?,
             (None, Height::Level(level_m)) => job.level_to(*level_m)?,
@@ -147,15 +147,16 @@ impl MapContinue {
 
 impl Job<'_> {
     fn known_level(&self, level_m: f64) -> Result<f64, Fault> {
-        let help = "give its height as `alt_m`, in metres above the WGS-84 ellipsoid";
-        let fault = || Fault::data("the map does not say how high it is").help(help);
+        let help = "set `alt_m` of the map, in metres above the WGS-84 ellipsoid";
+        let fault = || Fault::data("the height of the map is unknown").help(help);
         if level_m.is_finite() { Ok(level_m) } else { Err(fault()) }
     }
 
     fn warn_if_far(&mut self, distance_m: f64) {
         if is_far(&self.plane, distance_m) {
             self.warnings.push(format!(
-                "{distance_m:.0} m is more than 1/50 of the map's shorter side; what lies past its edges matters"
+                "{distance_m:.0} m is more than 1/50 of the map's shorter side; the unknown field beyond its edges \
+                 matters"
             ));
         }
     }
@@ -164,7 +165,7 @@ impl Job<'_> {
         self.stage.alpha_m2.given().map_or(Regularisation::LCurve, Regularisation::Alpha)
     }
 
-    /// The damping in m2 of what is continued downward by `down_m` at most.
+    /// Damping of a downward continuation by at most `down_m`, m2.
     fn alpha_m2(&self, down_m: f64) -> Result<f64, Fault> {
         Ok(match self.regularisation() {
             Regularisation::Alpha(alpha_m2) => alpha_m2,
@@ -175,7 +176,7 @@ impl Job<'_> {
         })
     }
 
-    /// From one level to another, or a derivative at either.
+    /// Continues from one level to another, or differentiates at either.
     fn level_to(&mut self, level_m: f64) -> Result<(PlaneGrid, Height), Fault> {
         let padding = Padding::default();
         let Some(to_m) = self.stage.to_m else {
@@ -188,7 +189,7 @@ impl Job<'_> {
         let (plane, alpha_m2) = if up_m < 0.0 {
             let down = downward(&self.plane, -up_m, self.regularisation(), &padding).map_err(data)?;
             self.notes.push(format!(
-                "continued downward by {:.1} m with alpha = {:.3e} m2: back at its own height it differs from the \
+                "continued downward by {:.1} m with alpha = {:.3e} m2; continued back up, it differs from the \
                  map by {:.3} nT rms",
                 -up_m, down.alpha_m2, down.regularisation_error_nt
             ));
@@ -206,7 +207,7 @@ impl Job<'_> {
         };
         if let Ok(error) = edge_error(&self.plane, up_m, alpha_m2, &padding) {
             self.notes.push(format!(
-                "the unknown field past the map's edges makes an error of about {:.3} nT rms over the map",
+                "the unknown field beyond the map's edges causes an error of about {:.3} nT rms over the map",
                 error.rms_nt
             ));
             self.edge_error = Some(error.map);
@@ -227,15 +228,15 @@ impl Job<'_> {
         let level_m = self.known_level(level_m)?;
         let Height::Cells(heights) = &drape.height else {
             let fault = Fault::data("the map `drape` has one height for all nodes");
-            return Err(fault.help("say that height as `to_m`"));
+            return Err(fault.help("set `to_m` to that height"));
         };
-        // Grids that went through different files agree but for rounding.
+        // Grids from different files agree up to rounding.
         let near = |a: f64, b: f64, step: f64| (a - b).abs() < 1e-3 * step;
         let same = [(&drape.x, &self.map.x), (&drape.y, &self.map.y)]
             .iter()
             .all(|(a, b)| a.len == b.len && near(a.first, b.first, b.step) && near(a.last(), b.last(), b.step));
         if !same || drape.crs != self.map.crs {
-            return Err(Fault::data("the map `drape` with the heights is not on the same grid"));
+            return Err(Fault::data("the map `drape` is not on the grid of the input map"));
         }
         let heights = self.complete(heights)?;
         self.warn_if_far(heights.iter().map(|h| (level_m - h).abs()).fold(0.0, f64::max));
@@ -245,7 +246,7 @@ impl Job<'_> {
         Ok((plane, Height::Cells(heights)))
     }
 
-    /// Heights of all nodes, those that are unknown from their surroundings.
+    /// Heights of all nodes. Unknown heights are filled from their surroundings.
     fn complete(&self, heights: &[f64]) -> Result<Vec<f64>, Fault> {
         let heights = without_gaps(&self.original.with(heights.to_vec()));
         heights.map(|grid| grid.values).map_err(data)
@@ -269,7 +270,7 @@ fn which(along: Along) -> Derivative {
     }
 }
 
-/// The unit of the values of a map, or of its derivative.
+/// Unit of the values of a map, or of its derivative.
 fn unit(derivative: Option<Along>) -> &'static str {
     match derivative {
         None => schemas::map::ANOMALY_UNIT,
@@ -339,16 +340,16 @@ mod tests {
             stage.apply(map, drape).err().map(|f| f.to_string()).unwrap_or_default()
         };
         let unknown = AnomalyGrid { height: Height::Level(f64::NAN), ..map() };
-        assert!(refused(continued(Some(400.0), None), &unknown, None).contains("how high"));
-        assert!(refused(continued(None, None), &map(), None).contains("nothing is asked"));
+        assert!(refused(continued(Some(400.0), None), &unknown, None).contains("height of the map is unknown"));
+        assert!(refused(continued(None, None), &map(), None).contains("no continuation and no derivative"));
         assert!(refused(continued(None, None), &map(), Some(&map())).contains("one height"));
         let draped = AnomalyGrid { height: Height::Cells(vec![LEVEL_M; NODES * NODES]), ..map() };
         assert!(refused(continued(None, Some(Along::Up)), &draped, None).contains("no derivative"));
-        assert!(refused(continued(None, None), &draped, Some(&draped)).contains("draped itself"));
+        assert!(refused(continued(None, None), &draped, Some(&draped)).contains("the map is draped"));
         assert!(refused(continued(Some(1.0), None), &map(), Some(&draped)).contains("exclude"));
         let mut shifted = draped.clone();
         shifted.x.first += STEP_M;
-        assert!(refused(continued(None, None), &map(), Some(&shifted)).contains("same grid"));
+        assert!(refused(continued(None, None), &map(), Some(&shifted)).contains("not on the grid of the input map"));
         assert_eq!(refused(continued(None, None), &map(), Some(&draped)), "");
     }
 }

@@ -1,4 +1,4 @@
-//! Brings a map into another coordinate system or extent.
+//! Converts a map to another coordinate system or extent.
 
 use std::ops::Range;
 
@@ -13,15 +13,14 @@ use crate::{
 };
 
 stage! {
-    /// Resamples a map to another coordinate system or spacing, cuts it, or wraps it around. What is asked for is done
+    /// Resamples a map to another coordinate system or spacing, cuts it, or extends it periodically. The operations run
     /// in the order of the parameters.
     ///
-    /// Use it to bring maps onto one grid, or to cut the edges of a map that was continued. Resampling is by
-    /// polynomials of ninth degree, or lower near edges and unknown nodes; a node within two nodes of an unknown one
-    /// becomes unknown. Stages that look a map up project positions themselves, so that a map need not be converted for
-    /// them.
+    /// Use it to bring maps onto one grid, or to remove the edges of a continued map. Resampling uses polynomials of
+    /// degree nine, or lower near edges and unknown nodes. A node within two nodes of an unknown node becomes unknown.
+    /// Stages that interpolate a map project positions themselves, so a map need not be converted for them.
     ///
-    /// It refuses bounds outside the map, and to wrap a map around that is draped or has gaps.
+    /// Bounds outside the map are rejected, and so is the periodic extension of a map that is draped or has gaps.
     MapConvert = "map_convert", version 1, grain Map, inputs [map: Map],
     example r#"
 [[stages]]
@@ -32,37 +31,35 @@ to_epsg = 32632
 spacing = 300.0
 trim    = true
 "#;
-    /// The EPSG code of the coordinate system that it is resampled to, such as 4326 or 32754.
+    /// EPSG code of the coordinate system to which the map is resampled, such as 4326 or 32754.
     to_epsg: Option<usize>, unit "", absent "the map's own coordinate system", rule Rule::Between(1.0, 65535.0);
-    /// The distance between nodes, in units of the coordinate system: metres, feet or degrees.
-    spacing: Option<f64>, unit "", absent "no wider than the map's own", rule Rule::Positive;
-    /// West, south, east and north of what is kept, in coordinates of that system.
-    bounds: Option<Vec<f64>>, unit "", absent "all of the map is kept";
-    /// Cuts rows and columns at the edges that hold no value.
+    /// Distance between nodes, in the unit of the coordinate system: metres, feet or degrees.
+    spacing: Option<f64>, unit "", absent "at most the spacing of the map", rule Rule::Positive;
+    /// West, south, east and north bound of the kept part, in coordinates of that system.
+    bounds: Option<Vec<f64>>, unit "", absent "the whole map";
+    /// Removes rows and columns without values at the edges.
     trim: bool, unit "", default false;
-    /// Wraps the map around: at least this number of nodes more on each side, and sizes that have no prime factor above
-    /// 7.
-    expand_nodes: Option<usize>, unit "1", absent "it is not wrapped around";
+    /// Extends the map periodically, by at least this number of nodes on each side, to sizes without a prime factor
+    /// above 7.
+    expand_nodes: Option<usize>, unit "1", absent "no periodic extension";
 }
 
 /// Four coordinates as west, south, east and north.
 ///
-/// # Errors
-/// Another number of coordinates, and a west or south that is not below the east or north.
+/// # Errors If there are not four coordinates, or west or south is not below east or north.
 pub fn bounds_of(bounds: &[f64]) -> Result<[f64; 4], Fault> {
     match *bounds {
         [west, south, east, north] if west < east && south < north => Ok([west, south, east, north]),
-        [_, _, _, _] => Err(Fault::new("the west and the south of `bounds` must be below the east and the north")),
-        _ => Err(Fault::new("`bounds` are four numbers: west, south, east, north")),
+        [_, _, _, _] => Err(Fault::new("west and south in `bounds` must be below east and north")),
+        _ => Err(Fault::new("`bounds` must be four numbers: west, south, east, north")),
     }
     .map_err(|fault: Fault| fault.of_param("bounds"))
 }
 
 impl MapConvert {
-    /// The parameters that cannot be, whatever the map.
+    /// Rejects invalid parameters, independent of the map.
     ///
-    /// # Errors
-    /// The parameter and why.
+    /// # Errors The parameter and the reason.
     pub fn check(&self) -> Result<(), Fault> {
         self.bounds.as_deref().map(bounds_of).transpose().map(|_| ())
     }
@@ -94,7 +91,7 @@ impl MapConvert {
     }
 }
 
-/// The nodes of an axis between two coordinates.
+/// Nodes of an axis between two coordinates.
 fn within(axis: &EvenAxis, low: f64, high: f64) -> Range<usize> {
     let inside = |i: &usize| (low..=high).contains(&axis.at(*i as f64));
     let first = (0..axis.len).find(inside).unwrap_or(axis.len);
@@ -102,7 +99,7 @@ fn within(axis: &EvenAxis, low: f64, high: f64) -> Range<usize> {
     first..after
 }
 
-/// The rows and columns from the first to the last that hold a value.
+/// Rows and columns from the first to the last with a value.
 fn known_box(map: &AnomalyGrid) -> (Range<usize>, Range<usize>) {
     let known = |row: usize, column: usize| !map.anomaly_nt[row * map.x.len + column].is_nan();
     let rows: Vec<usize> = (0..map.y.len).filter(|j| (0..map.x.len).any(|i| known(*j, i))).collect();
@@ -111,12 +108,12 @@ fn known_box(map: &AnomalyGrid) -> (Range<usize>, Range<usize>) {
     (range(&rows), range(&columns))
 }
 
-/// The part of a map in some rows and columns.
+/// Part of a map in some rows and columns.
 fn cut(map: &AnomalyGrid, rows: Range<usize>, columns: Range<usize>) -> Result<AnomalyGrid, Fault> {
     if rows.len() < 2 || columns.len() < 2 {
         let extent = |a: &EvenAxis| format!("{} to {}", a.first, a.last());
-        let help = format!("it covers {} eastward and {} northward", extent(&map.x), extent(&map.y));
-        return Err(Fault::data("nothing of the map is left").help(help));
+        let help = format!("the map covers {} eastward and {} northward", extent(&map.x), extent(&map.y));
+        return Err(Fault::data("the bounds contain no node of the map").help(help));
     }
     let part = |axis: &EvenAxis, of: &Range<usize>| EvenAxis {
         first: axis.at(of.start as f64),
@@ -134,20 +131,20 @@ fn cut(map: &AnomalyGrid, rows: Range<usize>, columns: Range<usize>) -> Result<A
     let (x, y) = (part(&map.x, &columns), part(&map.y, &rows));
     let cut = AnomalyGrid { x, y, anomaly_nt: of(&map.anomaly_nt), error_nt: None, height, ..map.clone() };
     if cut.anomaly_nt.iter().all(|v| v.is_nan()) {
-        return Err(Fault::data("no node of what is left of the map has a value").of_param("bounds"));
+        return Err(Fault::data("no node within the bounds has a value").of_param("bounds"));
     }
     Ok(cut)
 }
 
 fn expanded(map: &AnomalyGrid, nodes: usize) -> Result<AnomalyGrid, Fault> {
     let Height::Level(alt_m) = map.height else {
-        let fault = Fault::data("a draped map cannot be wrapped around");
-        return Err(fault.help("continue it to a level first, with `map_continue`"));
+        let fault = Fault::data("a draped map cannot be extended periodically");
+        return Err(fault.help("continue it to a level first with `map_continue`"));
     };
     let plane = map.plane();
     if plane.unknown() > 0 {
-        let fault = Fault::data("a map with gaps cannot be wrapped around");
-        return Err(fault.help("fill it first, with `map_fill`"));
+        let fault = Fault::data("a map with gaps cannot be extended periodically");
+        return Err(fault.help("fill it first with `map_fill`"));
     }
     let (wide, _) = expand(&plane, nodes).map_err(data)?;
     Ok(map.with_plane(wide, Height::Level(alt_m))?)
@@ -198,7 +195,7 @@ mod tests {
         let refused =
             |stage: MapConvert, map: &AnomalyGrid| stage.apply(map).err().map(|f| f.to_string()).unwrap_or_default();
         let of = |bounds: &[f64]| MapConvert { bounds: Some(bounds.to_vec()), ..AS_IT_IS };
-        assert!(refused(of(&[0.0, 0.0, 1.0, 1.0]), &map()).contains("nothing of the map is left"));
+        assert!(refused(of(&[0.0, 0.0, 1.0, 1.0]), &map()).contains("the bounds contain no node"));
         assert!(refused(of(&[1.0, 0.0, 0.0, 1.0]), &map()).contains("must be below"));
         assert!(refused(of(&[1.0]), &map()).contains("four numbers"));
         let mut holed = map();

@@ -16,40 +16,40 @@ use crate::{
 };
 
 choice! {
-    /// How gaps are filled from their surroundings.
+    /// Method that fills gaps from their surroundings.
     pub enum Method {
-        /// The mean of the nearest known nodes.
+        /// Mean of the nearest known nodes.
         Knn = "knn",
-        /// A harmonic surface: never above or below what is around the gap.
+        /// Harmonic surface, which stays between the values around the gap.
         Harmonic = "harmonic",
-        /// The surface of minimum curvature, which keeps the slope at the gap's edge.
+        /// Surface of minimum curvature, which continues the slope at the gap's edge.
         MinimumCurvature = "minimum_curvature",
-        /// Not at all: only from other maps.
+        /// None; gaps are filled only from other maps.
         None = "none",
     }
 }
 
 choice! {
-    /// Which difference to the map, found in the overlap, is removed from other maps.
+    /// Difference to the map, estimated in the overlap, that is removed from other maps.
     pub enum Bias {
-        /// Nothing.
+        /// No difference.
         Nothing = "nothing",
-        /// A constant.
+        /// Constant difference.
         Constant = "constant",
-        /// A plane.
+        /// Planar difference.
         Plane = "plane",
     }
 }
 
 stage! {
-    /// Fills the unknown nodes of a map: first from other maps of the field, in the order in which `with` names them,
-    /// then from their surroundings.
+    /// Fills the unknown nodes of a map, first from other maps in the order of `with`, then from their surroundings.
     ///
-    /// Other maps are brought into the coordinate system of the map and, where they are lower, up to its height; their
-    /// difference to it in the overlap (`bias`) is removed. What is filled from the surroundings is a guess, without
-    /// anything of the geology there: `minimum_curvature` is good for gaps of a few nodes, no method for large ones.
+    /// Other maps are brought into the coordinate system of the map. Lower maps are continued upward to its height.
+    /// Their difference to the map in the overlap (`bias`) is removed. Values filled from the surroundings contain no
+    /// information about the anomaly there. `minimum_curvature` suits gaps of a few nodes; no method suits large ones.
     ///
-    /// It refuses another map that is higher than the one to be filled, and a draped map together with other maps.
+    /// Another map that is higher than the one to be filled is rejected, and so is a draped map together with other
+    /// maps.
     ///
     /// Source: Briggs 1974 (`minimum_curvature`); Blakely 1996, section 12.1 (upward continuation).
     MapFill = "map_fill", version 1, grain Map, inputs [map: Map, with: ManyMaps optional],
@@ -61,51 +61,50 @@ map    = "map_grid"
 with   = ["anomaly"]
 method = "minimum_curvature"
 "#;
-    /// How gaps are filled from their surroundings: by the mean of the nearest known nodes, by a harmonic surface
-    /// (never above or below what is around the gap), by the surface of minimum curvature (which keeps the slope at the
-    /// gap's edge), or not at all.
+    /// Method that fills gaps from their surroundings: `knn`, the mean of the nearest known nodes; `harmonic`, a
+    /// harmonic surface, which stays between the values around the gap; `minimum_curvature`, which continues the slope
+    /// at the gap's edge; or `none`.
     method: Method, unit "", default Method::Knn;
-    /// How many neighbours a value is the mean of.
+    /// Number of neighbours in a mean.
     neighbours: usize, unit "1", default 3usize, rule Rule::Positive;
-    /// Weighs neighbours by the distance to minus this power.
-    power: Option<f64>, unit "1", absent "all weigh the same", rule Rule::Positive;
-    /// Leaves nodes unknown that are farther than this from a known one.
-    within_m: Option<f64>, unit "m", absent "all are filled", rule Rule::Positive;
-    /// Over how many metres a map fades into the next at its edge.
+    /// Weights neighbours by 1/distance^`power`.
+    power: Option<f64>, unit "1", absent "equal weights", rule Rule::Positive;
+    /// Leaves nodes unknown that are farther than this from a known node.
+    within_m: Option<f64>, unit "m", absent "all nodes are filled", rule Rule::Positive;
+    /// Width of the transition between a map and the next at its edge.
     feather_m: f64, unit "m", default 1000.0, rule Rule::NotNegative;
-    /// Which difference to the map, found in the overlap, is removed from the others.
+    /// Difference to the map, estimated in the overlap, that is removed from the other maps.
     bias: Bias, unit "", default Bias::Constant;
-    /// Makes the map as large as all maps together.
+    /// Extends the map to the extent of all maps together.
     extend: bool, unit "", default false;
 }
 
-/// A map after filling.
+/// Result of filling a map.
 pub struct Filled {
     /// The map.
     pub map: AnomalyGrid,
-    /// What was done, in words.
+    /// Notes on the processing.
     pub notes: Vec<String>,
-    /// What is not to be trusted as it is.
+    /// Warnings about untrustworthy results.
     pub warnings: Vec<String>,
 }
 
 impl MapFill {
-    /// Refuses parameters that do not go together; `others` says whether there are other maps.
+    /// Rejects incompatible parameters. `others` states whether there are other maps.
     ///
-    /// # Errors
-    /// The parameter and the way out.
+    /// # Errors The parameter and the remedy.
     pub fn check(&self, others: bool) -> Result<(), Fault> {
         if others || !(self.extend || self.method == Method::None) {
             return Ok(());
         }
         let (param, help) = match self.extend {
-            true => ("extend", "name them as `with`"),
-            false => ("method", "name them as `with`, or choose another method"),
+            true => ("extend", "name them in `with`"),
+            false => ("method", "name them in `with`, or choose another `method`"),
         };
         Err(Fault::new("there are no other maps to fill from").help(help).of_param(param))
     }
 
-    /// Fills the gaps of `map`, first from `others`, each with its name for messages.
+    /// Fills the gaps of `map`, first from `others`. Each of these has a name for messages.
     ///
     /// # Errors
     /// See [`MapFill`].
@@ -138,7 +137,7 @@ impl MapFill {
         }
     }
 
-    /// The map with what the others know.
+    /// Map combined with the other maps.
     fn combined(
         &self,
         map: &AnomalyGrid,
@@ -156,7 +155,7 @@ impl MapFill {
             let plane = PlaneGrid { east_m, north_m, values: other.anomaly_nt };
             let up_m = level_m - from_m;
             if up_m.is_nan() {
-                warnings.push(format!("a height is unknown; {name} is taken to be as high as the map"));
+                warnings.push(format!("a height is unknown; {name} is assumed to have the height of the map"));
             } else if up_m > 0.0 {
                 notes.push(format!("{name} is continued upward by {up_m:.1} m"));
             }
@@ -180,7 +179,7 @@ impl MapFill {
 }
 
 fn draped() -> Fault {
-    let help = "continue it to a level first, with `map_continue`";
+    let help = "continue it to a level first with `map_continue`";
     Fault::data("a draped map cannot be combined with others").help(help)
 }
 
@@ -188,7 +187,7 @@ fn compared(others: &[(String, AnomalyGrid)], done: &Combined) -> Vec<String> {
     let name = |i: usize| i.checked_sub(1).and_then(|i| others.get(i)).map_or("the map", |(name, _)| name.as_str());
     let one = |o: &numerics::maps::combine::Overlap| {
         format!(
-            "{} less {} at {} nodes: median {:.2} nT, rms {:.2} nT; after levelling {:.2} and {:.2} nT",
+            "{} minus {} at {} nodes: median {:.2} nT, rms {:.2} nT; after levelling {:.2} and {:.2} nT",
             name(o.first),
             name(o.second),
             o.before.count,
@@ -201,11 +200,11 @@ fn compared(others: &[(String, AnomalyGrid)], done: &Combined) -> Vec<String> {
     done.overlaps.iter().map(one).collect()
 }
 
-/// A map brought up to the height of another, which is `up_m` higher; as it is where that is not known.
+/// Map continued upward by `up_m` to the height of another. Unchanged if a height is unknown.
 fn at_level(plane: PlaneGrid, up_m: f64) -> Result<PlaneGrid, Fault> {
     if up_m < 0.0 {
-        let fault = Fault::data(format!("the map is {:.0} m above the one it is to fill", -up_m));
-        return Err(fault.help("continue it down yourself with `map_continue`, or fill the higher map"));
+        let fault = Fault::data(format!("the map is {:.0} m above the map that it fills", -up_m));
+        return Err(fault.help("continue it downward first with `map_continue`, or fill the higher map"));
     }
     if up_m.is_nan() || up_m == 0.0 {
         return Ok(plane);
@@ -219,7 +218,7 @@ fn in_metres(axis: &EvenAxis, unit_m: f64) -> EvenAxis {
     EvenAxis { first: axis.first * unit_m, step: axis.step * unit_m, len: axis.len }
 }
 
-/// The first map's axis, continued to where the farthest of all maps ends.
+/// Axis of the first map, extended to the limits of all maps.
 fn extended(planes: &[PlaneGrid], of: impl Fn(&PlaneGrid) -> EvenAxis) -> EvenAxis {
     let own = of(&planes[0]);
     let first = planes.iter().map(|p| of(p).first).fold(own.first, f64::min);
@@ -238,7 +237,7 @@ impl Stage for MapFill {
     fn idle(&self, key: &str) -> Option<Fault> {
         let of_knn = ["neighbours", "power", "within_m"].contains(&key) && self.method != Method::Knn;
         let what = format!("`{key}` belongs to the method `knn`, not to `{}`", self.method.word());
-        of_knn.then(|| Fault::new(what).help(format!("leave `{key}` out, or say `method = \"knn\"`")))
+        of_knn.then(|| Fault::new(what).help(format!("remove `{key}`, or set `method = \"knn\"`")))
     }
 }
 

@@ -1,4 +1,4 @@
-//! Appends how well a position can be found on a map.
+//! Appends the position accuracy that a map permits.
 
 use arrow_array::RecordBatch;
 use numerics::{
@@ -19,25 +19,25 @@ use crate::{
 };
 
 stage! {
-    /// Appends what a map is worth for navigation along a track, planned or flown: the slope of the map
-    /// `map_gradient_n`, `map_gradient_e` (north and east) and its size `map_gradient`; `map_sd_sample`, with which one
-    /// measurement places itself along that slope; and `map_sd_expected`, the root mean square horizontal error to expect
-    /// of the measurements within `window_s` about the sample. Use it to plan a flight to where the map is good, and to
-    /// see where a track could not have been better.
+    /// Appends the value of a map for navigation along a planned or flown track. `map_gradient_n` and `map_gradient_e`
+    /// are the slope of the map to the north and east, `map_gradient` is its magnitude. `map_sd_sample` is the position
+    /// accuracy of one measurement along that slope. `map_sd_expected` is the expected root mean square horizontal
+    /// error from the measurements within `window_s` about the sample. Use it to plan flights over informative parts of
+    /// a map, and to find where no filter could have done better.
     ///
-    /// `map_sd_sample` is sigma over slope. `map_sd_expected` is the Cramer-Rao bound, the root of the trace of the inverse
-    /// of the Fisher information sum(g g')/sigma^2 of the slopes g in the window: that of an unbiased filter which knows
-    /// its own motion within the window and nothing of the position before it. It takes the errors of samples for
-    /// independent and of `sigma_nt` each: at ten samples a second, errors of the map and of the temporal variation are
-    /// not, so raise `sigma_nt` by the root of the number of samples that err together. With `unknown_constant` the slopes
-    /// are taken less their mean, which makes it the bound with a constant of the measurement unknown too
-    /// (`map_position_bound` of `score` is that over the whole line).
+    /// `map_sd_sample` is sigma divided by slope. `map_sd_expected` is the Cramér-Rao bound, the root of the trace of
+    /// the inverse Fisher information sum(g g')/sigma^2 of the slopes g in the window. It holds for an unbiased filter
+    /// with perfect knowledge of its motion within the window and no earlier position. It assumes independent sample
+    /// errors with standard deviation `sigma_nt`. At ten samples per second, errors of the map and of the temporal
+    /// variation are correlated. Multiply `sigma_nt` by the root of the number of samples that are correlated.
+    /// `unknown_constant` subtracts the mean slope, which gives the bound for a measurement with an unknown constant
+    /// (`map_position_bound` of `score` is this bound over the whole line).
     ///
-    /// A sample off the map, in a cell with an unknown node or without a position has NaN in all columns. Where the map is
-    /// flat both bounds are NaN, as there is none; where it slopes in one direction only, all through the window,
-    /// `map_sd_expected` is. The slope of the core field is no part of it.
+    /// All columns are NaN for a sample off the map, in a cell with an unknown node, or without a position. Both bounds
+    /// are NaN where the map is flat. `map_sd_expected` is also NaN where all slopes in the window have one direction.
+    /// The slope of the core field is not included.
     ///
-    /// It refuses a line without a sample on the map, and time that does not ascend.
+    /// A line without a sample on the map is rejected, and so are times that do not ascend.
     ///
     /// Source: Kay 1993, section 3.7; thesis 000, section 2.3.
     MapQuality = "map_quality", version 1, grain Line, inputs [input: Lines, map: Map],
@@ -49,19 +49,19 @@ input    = "resample"
 map      = "anomaly"
 window_s = 20.0
 "#;
-    /// Where: at the true position (`lat`, `lon`, `alt`) or that of the INS. At the true position the columns have the role
-    /// truth: they are no features without `allow_truth`.
+    /// Position at which the map is evaluated: true (`lat`, `lon`, `alt`) or of the INS. At the true position the
+    /// columns have the role truth and require `allow_truth` as features.
     position: PositionOf, unit "", default PositionOf::Truth;
-    /// The error of a measurement: sensor, map and what compensation leaves, one sigma of a sample.
+    /// Standard deviation of the error of a measurement: sensor, map and residual of the compensation, per sample.
     sigma_nt: f64, unit "nT", default 5.0, rule Rule::Positive;
-    /// The length of the window about each sample.
+    /// Length of the window about each sample.
     window_s: f64, unit "s", default 60.0, rule Rule::Positive;
-    /// Whether a constant of the measurement is unknown too.
+    /// Treats a constant of the measurement as unknown.
     unknown_constant: bool, unit "", default false;
-    /// How the map is interpolated: bilinear, or by a natural cubic spline.
+    /// Interpolation of the map: bilinear, or a natural cubic spline.
     map_interpolation: Interpolation, unit "", default Interpolation::Linear;
-    /// The heights above the ellipsoid, ascending, to which the map is continued.
-    map_levels_m: Option<Vec<f64>>, unit "m", absent "the map is taken at its own height";
+    /// Heights above the WGS-84 ellipsoid, ascending, to which the map is continued.
+    map_levels_m: Option<Vec<f64>>, unit "m", absent "the map is used at its native height";
 }
 
 impl Stage for MapQuality {
@@ -74,20 +74,24 @@ impl Stage for MapQuality {
         if !faults.is_empty() {
             return Err(faults);
         }
-        // The slope of the map at the true position says where the aircraft is: no feature.
+        // The slope of the map at the true position reveals the position, so it cannot be a feature.
         let role = role_of(shape, &place);
         let made = |name: &str, unit: &str, doc: &str| {
             Column::float(name, unit, doc).role(role).from(0, &place).from(1, &["anomaly"])
         };
         let columns = vec![
-            made("map_gradient_n", "nT/m", "slope of the map, northward"),
-            made("map_gradient_e", "nT/m", "slope of the map, eastward"),
-            made("map_gradient", "nT/m", "size of the slope of the map"),
-            made("map_sd_sample", "m", "one sigma along the slope to expect of one measurement; NaN on a flat map"),
+            made("map_gradient_n", "nT/m", "slope of the map to the north"),
+            made("map_gradient_e", "nT/m", "slope of the map to the east"),
+            made("map_gradient", "nT/m", "magnitude of the slope of the map"),
+            made(
+                "map_sd_sample",
+                "m",
+                "expected standard deviation of one position measurement along the slope; NaN on a flat map",
+            ),
             made(
                 "map_sd_expected",
                 "m",
-                "root mean square horizontal error to expect of a window; NaN where the map does not tell a position",
+                "expected root mean square horizontal error of a window; NaN if the map does not determine a position",
             )
             .from(0, &["tt"]),
         ];

@@ -1,4 +1,4 @@
-//! Appends what a map says at every sample.
+//! Appends the value of a map at every sample.
 
 use arrow_array::RecordBatch;
 use numerics::{
@@ -14,16 +14,17 @@ use crate::{
 };
 
 stage! {
-    /// Appends what a map says at every sample: the anomaly `map_anomaly` and its slopes `map_grad_n`, `map_grad_e`,
+    /// Appends the value of a map at every sample: the anomaly `map_anomaly` and its slopes `map_grad_n`, `map_grad_e`,
     /// `map_grad_u` (per metre north, east and up).
     ///
-    /// Use it to hold a signal against the map, or to see what a map is worth for navigation before flying on it. A sample
-    /// off the map, in a cell with an unknown node or without a position has NaN. A map in eastings and northings is
-    /// looked up between its own nodes: the position is projected, and the slopes are brought back.
+    /// Use it to compare a signal with the map, or to assess a map for navigation. A sample off the map, in a cell with
+    /// an unknown node, or without a position is NaN. A map in eastings and northings is interpolated on its native
+    /// grid: the position is projected, and the slopes are rotated back to north and east.
     ///
-    /// The map is taken at its own height, where it has no slope upwards. With `map_levels_m` it is continued to these
-    /// heights and interpolated between them, so that climbs and descents are followed; a sample further below or above
-    /// the levels than half a step has NaN. Downward continuation amplifies what is short: keep levels at or above the map.
+    /// By default the map is used at its native height and has no vertical slope. `map_levels_m` continues it to these
+    /// heights and interpolates between them, so that the values follow climbs and descents. A sample more than half a
+    /// step above or below the levels is NaN. Downward continuation amplifies short wavelengths, so keep the levels at
+    /// or above the map.
     ///
     /// Source: thesis 000, section 2.3; Blakely 1996, chapter 12.
     MapValue = "map_value", version 4, grain Line, inputs [input: Lines, map: Map],
@@ -35,20 +36,20 @@ input        = "resample"
 map          = "anomaly"
 map_levels_m = [300.0, 400.0]
 "#;
-    /// Where: at the true position (`lat`, `lon`, `alt`) or that of the INS. At the true position the columns have the role
-    /// truth: they are no features without `allow_truth`.
-    position: Option<PositionOf>, unit "", absent "that of the INS where the flight has `ins_lat`, `ins_lon` and `ins_alt`, else the true one";
-    /// How the map is interpolated: bilinear, or by a natural cubic spline.
+    /// Position at which the map is evaluated: true (`lat`, `lon`, `alt`) or of the INS. At the true position the
+    /// columns have the role truth and require `allow_truth` as features.
+    position: Option<PositionOf>, unit "", absent "the INS position if the flight has `ins_lat`, `ins_lon` and `ins_alt`, otherwise the true position";
+    /// Interpolation of the map: bilinear, or a natural cubic spline.
     map_interpolation: Interpolation, unit "", default Interpolation::Linear;
-    /// The heights above the ellipsoid, ascending, to which the map is continued.
-    map_levels_m: Option<Vec<f64>>, unit "m", absent "the map is taken at its own height";
+    /// Heights above the WGS-84 ellipsoid, ascending, to which the map is continued.
+    map_levels_m: Option<Vec<f64>>, unit "m", absent "the map is used at its native height";
 }
 
-/// The value of the map at each sample.
+/// Value of the map at each sample.
 pub(crate) const MAP_ANOMALY: &str = "map_anomaly";
 
 impl MapValue {
-    /// The columns of the position, of a table that has some columns.
+    /// Columns of the position, for a table with the columns `has`.
     fn place(&self, has: impl Fn(&str) -> bool) -> [&'static str; 3] {
         let ins = PositionOf::Ins.columns();
         let found = if ins.iter().all(|name| has(name)) { PositionOf::Ins } else { PositionOf::Truth };
@@ -56,12 +57,12 @@ impl MapValue {
     }
 }
 
-/// A note on a table whose `map_anomaly` is that at the INS position, for a stage that takes it for the true field.
+/// Note on a table whose `map_anomaly` is at the INS position, for a stage that uses it as the true field.
 pub(crate) fn note_of_ins_position(shape: &Shape) -> Option<String> {
     let derived = shape.get(MAP_ANOMALY).is_some_and(|column| column.role == Role::Derived);
     let is_known =
         PositionOf::Truth.columns().iter().all(|name| shape.get(name).is_some_and(|c| c.role == Role::Truth));
-    let what = "`map_anomaly` is the map at the INS position, which holds the error of the INS; say `position = \"truth\"` in \
+    let what = "`map_anomaly` is evaluated at the INS position and includes the INS error; set `position = \"truth\"` in \
         `map_value` for the true field";
     (derived && is_known).then(|| what.to_owned())
 }
@@ -76,16 +77,16 @@ impl Stage for MapValue {
         if !faults.is_empty() {
             return Err(faults);
         }
-        // The map at the true position says where the aircraft is: no feature.
+        // The map at the true position reveals the position, so it cannot be a feature.
         let role = role_of(shape, &place);
         let made = |name: &str, unit: &str, doc: &str| {
             Column::float(name, unit, doc).role(role).from(0, &place).from(1, &["anomaly"])
         };
         let columns = vec![
             made(MAP_ANOMALY, "nT", "anomaly of the map"),
-            made("map_grad_n", "nT/m", "slope of the map, northward"),
-            made("map_grad_e", "nT/m", "slope of the map, eastward"),
-            made("map_grad_u", "nT/m", "slope of the map, upward"),
+            made("map_grad_n", "nT/m", "slope of the map to the north"),
+            made("map_grad_e", "nT/m", "slope of the map to the east"),
+            made("map_grad_u", "nT/m", "upward slope of the map"),
         ];
         let map = ["lat", "lon", "alt", "anomaly"].map(str::to_owned).to_vec();
         let place = place.map(str::to_owned).to_vec();
@@ -113,11 +114,10 @@ impl LineStage for MapValue {
     }
 }
 
-/// What a map says at positions (degrees, degrees, metres above the ellipsoid): the anomaly in nT and its slopes north,
-/// east and up in nT/m; NaN off the map, in a cell with an unknown node and without a position.
+/// Value of a map at positions (degrees, degrees, metres above the WGS-84 ellipsoid): the anomaly in nT and its slopes
+/// north, east and up in nT/m. NaN off the map, in a cell with an unknown node and without a position.
 ///
-/// # Errors
-/// When no sample is on the map.
+/// # Errors If no sample is on the map.
 pub(crate) fn looked_up(map: &FieldMap, lat: &[f64], lon: &[f64], alt: &[f64]) -> Result<[Vec<f64>; 4], Fault> {
     let earth = EarthModel::Wgs84;
     let mut columns = [(); 4].map(|()| Vec::with_capacity(lat.len()));
@@ -134,7 +134,8 @@ pub(crate) fn looked_up(map: &FieldMap, lat: &[f64], lon: &[f64], alt: &[f64]) -
         columns.iter_mut().zip(row).for_each(|(column, x)| column.push(x));
     }
     if columns[0].iter().all(|x| x.is_nan()) {
-        return Err(Fault::data("no sample is on the map").help("does the map cover the flight, and its heights?"));
+        return Err(Fault::data("no sample is on the map")
+            .help("check that the map covers the flight, and `map_levels_m` its heights"));
     }
     Ok(columns)
 }
@@ -209,7 +210,7 @@ mod tests {
         }
         let fault = run(&map_value(), &[46.0, 47.0], &[-75.0, -75.0]).unwrap_err();
         assert_eq!(fault.what, "no sample is on the map");
-        assert!(fault.help.unwrap().contains("cover the flight"));
+        assert!(fault.help.unwrap().contains("covers the flight"));
     }
 
     #[test]
@@ -288,7 +289,7 @@ mod tests {
         let expected = [
             ("column `ins_lon` is in rad, but deg is needed", "position"),
             ("there is no column `ins_alt`", "position"),
-            ("the heights must be one or more numbers that ascend", "map_levels_m"),
+            ("the heights must be one or more numbers in ascending order", "map_levels_m"),
         ];
         assert_eq!(said, expected);
     }

@@ -1,4 +1,4 @@
-//! A map as stages look it up: at its own height, or continued to the heights flown.
+//! Maps as stages interpolate them: at the native height, or continued to the heights flown.
 
 use arrow_array::RecordBatch;
 use numerics::maps::{
@@ -14,13 +14,12 @@ use schemas::{Fault, map::OwnGrid};
 
 use crate::columns::{data, floats};
 
-/// The map of a table: as it is, or with `levels_m` continued to these heights (metres above the ellipsoid, ascending)
-/// and interpolated between them, value and slopes in all three directions. A table of the map's own grid
-/// ([`OwnGrid`]) is looked up between the nodes of that.
+/// Map of a table, unchanged or continued to the heights `levels_m` (metres above the WGS-84 ellipsoid, ascending).
+/// Between these heights, the value and all three slopes are interpolated. A table with a native grid ([`OwnGrid`]) is
+/// interpolated on that grid.
 ///
-/// # Errors
-/// A table that is no grid; a coordinate system that cannot be used; levels of a map that is draped or whose height is
-/// unknown, and levels that do not ascend.
+/// # Errors If the table is not a grid, the coordinate system cannot be used, or the levels do not ascend. If levels
+/// are given for a map that is draped or whose height is unknown.
 pub fn field_map(
     table: &RecordBatch,
     interpolation: Interpolation,
@@ -29,10 +28,9 @@ pub fn field_map(
     column_map(table, "anomaly", interpolation, levels_m)
 }
 
-/// [`field_map`] of a column of a map instead of its anomaly, such as the error of each node.
+/// The same as [`field_map`] for another column of a map, such as the error of each node.
 ///
-/// # Errors
-/// As [`field_map`], and for a table without that column.
+/// # Errors The same as [`field_map`]. If the table has no such column.
 pub fn column_map(
     table: &RecordBatch,
     column: &str,
@@ -57,10 +55,9 @@ pub fn column_map(
     })))
 }
 
-/// The map of a table on a plane, in metres from its south-west corner.
+/// Map of a table on a plane, in metres from its south-west corner.
 ///
-/// # Errors
-/// A table that is no grid.
+/// # Errors If the table is not a grid.
 pub fn plane(table: &RecordBatch) -> Result<PlaneGrid, Fault> {
     let anomaly = floats(table, "anomaly")?;
     let Some(own) = OwnGrid::of(&table.schema())? else {
@@ -80,7 +77,7 @@ fn own_plane(own: &OwnGrid, rows: &EvenAxis, columns: &EvenAxis, anomaly: &[f64]
     }
 }
 
-/// A map at one height, or at several.
+/// Map at one height, or at several.
 enum Looked {
     Flat(MapSurface),
     Stack(MapStack),
@@ -108,7 +105,7 @@ fn looked_up(
     }
 }
 
-/// The axes of a map on its own grid, eastward and northward, from its rows.
+/// Axes of a map on its native grid, eastward and northward, from its rows.
 fn own_axes(table: &RecordBatch) -> Result<[EvenAxis; 2], Fault> {
     let (northing, easting) = (floats(table, "northing")?, floats(table, "easting")?);
     let width = northing.iter().take_while(|y| Some(*y) == northing.first()).count();
@@ -117,10 +114,10 @@ fn own_axes(table: &RecordBatch) -> Result<[EvenAxis; 2], Fault> {
         (Some(first), Some(last)) if len > 1 && last > first => {
             Ok(EvenAxis { first: *first, step: (last - first) / (len - 1) as f64, len })
         }
-        _ => Err(Fault::data("a map takes at least two rows and two columns that ascend").in_column(name)),
+        _ => Err(Fault::data("a map requires at least two rows and two columns, in ascending order").in_column(name)),
     };
     if width * height != northing.len() || easting.len() != northing.len() {
-        return Err(Fault::data("the rows of the map are no complete grid").in_column("northing"));
+        return Err(Fault::data("the rows of the map are not a complete grid").in_column("northing"));
     }
     Ok([
         axis(easting, width.saturating_sub(1), width, "easting")?,
@@ -128,38 +125,38 @@ fn own_axes(table: &RecordBatch) -> Result<[EvenAxis; 2], Fault> {
     ])
 }
 
-/// Where latitudes and longitudes are on a map's own grid.
+/// Projection of latitudes and longitudes onto a native grid.
 fn projected(own: &OwnGrid, rows: &EvenAxis, columns: &EvenAxis) -> Result<GridProjection, Fault> {
     let system = Projection::new(&own.definition)
         .map_err(|e| Fault::data(format!("the map's coordinate system EPSG:{} cannot be used: {e}", own.epsg)))?;
     let middle_deg = 0.5 * (columns.first + columns.last());
     let project = |lat: f64, lon: f64| {
         let (easting, northing) = system.project(lat, lon)?;
-        // Longitudes of another datum go on beyond 180 as the map's do.
+        // Longitudes of another datum continue beyond 180 degrees, as in the map.
         let rounds = if system.is_geographic() { ((middle_deg - easting) / 360.0).round() } else { 0.0 };
         Some((easting + 360.0 * rounds, northing))
     };
     let area = Area { lat_deg: own.lat_deg, lon_deg: own.lon_deg };
     GridProjection::new(project, area, rows, columns).map_err(|e| {
-        let help = "bring the map to a UTM zone or to latitude and longitude with `magline map convert`";
+        let help = "convert the map to a UTM zone or to latitude and longitude with `magline map convert`";
         data(e).help(help)
     })
 }
 
-/// How far the levels are above the map.
+/// Heights of the levels above the map, m.
 fn above(table: &RecordBatch, levels_m: &[f64]) -> Result<Vec<f64>, Fault> {
     let alt = floats(table, "alt")?;
     let level = alt.first().copied().unwrap_or(f64::NAN);
     if alt.iter().any(|a| *a != level) {
-        let what = "a map is continued from one height, but this one has several, or none";
-        return Err(Fault::data(what).in_column("alt").help(
-            "say its height with `alt_m`, or bring a draped map onto a level with `magline map continue` first",
-        ));
+        let what = "continuation requires a map with one height, but this map has several or none";
+        return Err(Fault::data(what)
+            .in_column("alt")
+            .help("set `alt_m` of the map, or continue a draped map to a level first with `magline map continue`"));
     }
     Ok(levels_m.iter().map(|to| to - level).collect())
 }
 
-/// The map at each height above itself, and its vertical derivative there.
+/// Map continued upward by each height, and its vertical derivative there.
 fn continued(
     grid: &GeographicGrid,
     plane: &PlaneGrid,
@@ -182,11 +179,11 @@ fn continued(
     Ok((maps, slopes))
 }
 
-/// What is wrong with a parameter that lists heights.
+/// Fault of a parameter that lists heights.
 pub fn check_levels(levels_m: Option<&Vec<f64>>, param: &str) -> Option<Fault> {
     let levels = levels_m?;
     if levels.is_empty() || levels.windows(2).any(|pair| pair[1] <= pair[0]) {
-        return Some(Fault::new("the heights must be one or more numbers that ascend").of_param(param));
+        return Some(Fault::new("the heights must be one or more numbers in ascending order").of_param(param));
     }
     None
 }
@@ -317,7 +314,7 @@ mod tests {
         let whole = table(hills);
         let cut = whole.slice(0, whole.num_rows() - 1);
         let fault = field_map(&cut, Interpolation::Linear, None).unwrap_err().to_string();
-        assert_eq!(fault, "column `northing`: the rows of the map are no complete grid");
+        assert_eq!(fault, "column `northing`: the rows of the map are not a complete grid");
         let one_row = whole.slice(0, 61);
         let fault = field_map(&one_row, Interpolation::Linear, None).unwrap_err().to_string();
         assert!(fault.contains("at least two"), "{fault}");

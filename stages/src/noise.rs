@@ -1,4 +1,4 @@
-//! The noise that compensation leaves on lines over a known field, and how lines are told of it.
+//! Noise of a compensated signal over a known field, and its assignment to lines.
 
 use arrow_array::{ArrayRef, Int64Array, RecordBatch};
 use numerics::signal::{
@@ -19,17 +19,17 @@ use crate::{
 };
 
 stage! {
-    /// Finds the noise of a compensated signal on the lines that `where` selects, whose field is known: from another
-    /// magnetometer, `truth`, or else from a map, the core field and the temporal variation.
+    /// Estimates the noise of a compensated signal on the lines that `where` selects. The true field comes from another
+    /// magnetometer, `truth`, or otherwise from a map, the core field and the diurnal variation.
     ///
-    /// What a fit sees of its own noise is what it leaves on its calibration lines, geology included, in the manoeuvres of
-    /// a calibration. This is the stronger figure: a line as it is flown when navigating, over a map. `assume_noise` gives
-    /// it to other lines, and `navigate` takes it from there where its noise is `"auto"`. The error of the map is part of
-    /// it. Select other lines than those that are navigated.
+    /// The noise that `fit` reports is the residual on its own calibration lines, in manoeuvres and including the
+    /// anomaly. `residual_noise` is more realistic: it uses lines flown over a map as in navigation, and includes the
+    /// error of the map. `assume_noise` assigns its result to other lines, and `navigate` uses it where its noise
+    /// parameters are `"auto"`. Do not select the lines that are navigated.
     ///
-    /// The noise is in two parts, white and first-order Gauss-Markov, the least that bound the Allan variance of the lines,
-    /// to which no constant matters. A time constant beyond the length of the lines cannot be told from that length. It
-    /// refuses lines without a run of 16 s.
+    /// The noise has a white and a first-order Gauss-Markov part, the smallest that bound the Allan variance of the
+    /// lines. A constant has no effect. A time constant longer than the lines cannot be resolved. Lines without a run
+    /// of 16 s are rejected.
     ///
     /// Source: Allan 1966; IEEE Std 952-1997, annex C; Brown & Hwang 2012, section 3.8.
     ResidualNoise = "residual_noise", version 2, grain Survey, inputs [input: Lines],
@@ -40,15 +40,15 @@ stage = "residual_noise"
 input = "compensate"
 truth = "mag_1_c"
 "#;
-    /// The compensated signal.
+    /// Compensated signal.
     mag: String, unit "nT", default "mag_c";
-    /// The column of the true field, such as `mag_1_c`.
-    truth: Option<String>, unit "nT", absent "the sum of `igrf`, `map_anomaly` (of `map_value`) and, where there is one, `diurnal`, less what was removed from `mag` before";
+    /// Column of the true field, such as `mag_1_c`.
+    truth: Option<String>, unit "nT", absent "the sum of `igrf`, `map_anomaly` (of `map_value`) and, if present, `diurnal`, without the corrections that `mag` has already had";
 }
 
 stage! {
-    /// Appends a noise that was found elsewhere, by `residual_noise`: `mag_sigma`, `mag_fogm_sigma` and `mag_fogm_tau`, the
-    /// same for all samples. They take the place of those of `compensate`.
+    /// Appends noise that `residual_noise`, `fogm_noise` or `fit` estimated: `mag_sigma`, `mag_fogm_sigma` and
+    /// `mag_fogm_tau`, the same for all samples. They replace those of `compensate`.
     AssumeNoise = "assume_noise", version 1, grain Line, inputs [input: Lines, noise: Model],
     example r#"
 [[stages]]
@@ -62,7 +62,7 @@ noise = "residual_noise"
 const DIURNAL: &str = "diurnal";
 
 impl ResidualNoise {
-    /// What is taken off the signal.
+    /// Columns that are subtracted from the signal.
     fn less(&self, shape: &Shape) -> Vec<String> {
         let Some(truth) = &self.truth else {
             let removed = had(shape, &self.mag);
@@ -77,9 +77,11 @@ impl ResidualNoise {
     fn needs(&self, shape: &Shape, name: &str) -> Result<(), Fault> {
         let found = shape.number(name, "nT").map(|_| ());
         found.map_err(|fault| match name {
-            "igrf" => fault.help("append it with `core_field`, or name the true field with `truth`").of_param("input"),
+            "igrf" => {
+                fault.help("add a `core_field` stage, or set `truth` to the column of the true field").of_param("input")
+            }
             MAP_ANOMALY => {
-                fault.help("append it with `map_value`, or name the true field with `truth`").of_param("input")
+                fault.help("add a `map_value` stage, or set `truth` to the column of the true field").of_param("input")
             }
             _ if name == self.mag => fault.of_param("mag"),
             _ => fault.of_param("truth"),
@@ -109,10 +111,10 @@ impl Stage for ResidualNoise {
         }
         reads.push("tt".to_owned());
         let columns = vec![
-            Column::float(RESIDUAL[0], "nT", "white part of the noise, a sample"),
-            Column::float(RESIDUAL[1], "nT", "Gauss-Markov part of the noise"),
-            Column::float(RESIDUAL[2], "s", "time constant of that part"),
-            Column::integer("n", "", "samples behind it"),
+            Column::float(RESIDUAL[0], "nT", "standard deviation of the white noise of one sample"),
+            Column::float(RESIDUAL[1], "nT", "standard deviation of the Gauss-Markov noise"),
+            Column::float(RESIDUAL[2], "s", "time constant of the Gauss-Markov noise"),
+            Column::integer("n", "", "number of samples used"),
         ];
         let columns = columns.into_iter().map(|c| c.from(0, &reads)).collect();
         let mut yields = Yield { passes: Passes::None, ..Yield::append(columns, &reads) };
@@ -129,12 +131,12 @@ impl SurveyStage for ResidualNoise {
     }
 }
 
-/// The points of a sweep over the lines of a known field.
+/// Gathers the points of a sweep over lines with a known field.
 pub struct NoiseGather {
     points: Vec<ResidualNoise>,
 }
 
-/// The residual of one line at each point of a sweep.
+/// Residual of one line at each point of a sweep.
 pub struct Part {
     blocks: Vec<Result<Blocks, Fault>>,
 }
@@ -166,9 +168,9 @@ impl Stage for AssumeNoise {
     fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
         let noise = shape(inputs, 1)?;
         if RESIDUAL.iter().any(|name| noise.get(name).is_none()) {
-            let what = "`noise` says nothing of a noise";
+            let what = "`noise` has no noise columns";
             return Err(vec![
-                Fault::new(what).help("name the table of a `residual_noise` or a `fit`").of_param("noise"),
+                Fault::new(what).help("name the table of a `residual_noise`, `fogm_noise` or `fit`").of_param("noise"),
             ]);
         }
         let mut yields = Yield::append(noise_columns(&RESIDUAL), &["tt"]);

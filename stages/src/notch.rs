@@ -1,4 +1,4 @@
-//! Takes power lines out of columns.
+//! Removes power-line frequencies from columns.
 
 use arrow_array::RecordBatch;
 use numerics::signal::filter::{ZeroPhase, alias_hz};
@@ -10,18 +10,17 @@ use crate::{
 };
 
 stage! {
-    /// Removes a sinusoid and its harmonics, such as those of power lines, from columns, without lag, and appends
-    /// `<column>_nt`.
+    /// Removes a sinusoid and its harmonics, such as those of power lines, without lag and appends `<column>_nt`.
     ///
-    /// Each harmonic is removed where the samples show it: above half of the sample rate that is its alias, 10 Hz for
-    /// 150 Hz sampled at 160 Hz. Where the sensor sampled at another rate than the line has now, without a filter between,
-    /// `sampled_hz` is that rate, and the alias at it is folded on. Whatever else is within the width goes too. A harmonic
-    /// whose alias is within half of the width of 0 Hz or of half of the rate cannot be told from the signal, and is an
-    /// error: remove it before going to a lower rate.
+    /// Each harmonic is removed at its alias in the samples, for example 10 Hz for 150 Hz sampled at 160 Hz. If the
+    /// sensor sampled at another rate than the line and no filter was applied in between, set `sampled_hz` to that
+    /// rate. The alias at that rate is then folded to the rate of the line. Any signal within the width is removed too.
+    /// A harmonic whose alias is within half of the width of 0 Hz or of the Nyquist frequency is an error. Remove it
+    /// before resampling to a lower rate.
     ///
-    /// A notch of second order at each frequency runs forwards and backwards; it takes about one over the width to settle,
-    /// so that a part of the sinusoid is left that near to each end of a run. Angles are filtered along the shorter arc.
-    /// Gaps, short runs and uneven samples are as in `bandpass`.
+    /// A second-order notch at each frequency runs forwards and backwards. It settles in about 1/width, so part of the
+    /// sinusoid remains that close to each end of a run. Angles are filtered along the shorter arc. Gaps, short runs
+    /// and uneven samples are treated as in `bandpass`.
     ///
     /// Source: S. J. Orfanidis, Introduction to signal processing, 1995, section 11.3.
     Notch = "notch", version 2, grain Line, inputs [input: Lines],
@@ -34,23 +33,22 @@ columns    = ["mag_4_uc"]
 mains_hz   = 16.7
 harmonics  = 2
 "#;
-    /// The columns to filter.
+    /// Columns to filter.
     columns: Vec<String>, unit "";
-    /// The frequency of the sinusoid: 50 or 60 Hz for most power lines, 16.7 Hz for some railways.
+    /// Frequency of the sinusoid: 50 or 60 Hz for most power lines, 16.7 Hz for some railways.
     mains_hz: f64, unit "Hz", rule Rule::Positive;
-    /// How many multiples of it are removed, itself among them.
+    /// Number of harmonics to remove, including the fundamental.
     harmonics: usize, unit "", default 3usize, rule Rule::Between(1.0, 50.0);
-    /// The width of each notch: to either side of its frequency, half of it away, half of the amplitude is left.
+    /// Full width of each notch. At half the width from the notch frequency, half of the amplitude remains.
     width_hz: f64, unit "Hz", default 0.5, rule Rule::Positive;
-    /// The rate at which the sensor sampled.
-    sampled_hz: Option<f64>, unit "Hz", absent "that of the line", rule Rule::Positive;
+    /// Rate at which the sensor sampled.
+    sampled_hz: Option<f64>, unit "Hz", absent "the rate of the line", rule Rule::Positive;
 }
 
 impl Notch {
-    /// The frequencies to remove from samples at `rate_hz`, each once.
+    /// Frequencies to remove from samples at `rate_hz`, without duplicates.
     ///
-    /// # Errors
-    /// For an alias that is too near to 0 Hz or half of the rate.
+    /// # Errors If an alias is too near to 0 Hz or to the Nyquist frequency.
     fn aliases(&self, rate_hz: f64) -> Result<Vec<f64>, Fault> {
         let mut found: Vec<f64> = vec![];
         for k in 1..=self.harmonics {
@@ -58,13 +56,14 @@ impl Notch {
             let seen = alias_hz(self.sampled_hz.map_or(hz, |sampled_hz| alias_hz(hz, sampled_hz)), rate_hz);
             if seen <= 0.5 * self.width_hz || seen >= 0.5 * (rate_hz - self.width_hz) {
                 let what = format!(
-                    "the harmonic of {hz} Hz is at {seen:.3} Hz in samples at {rate_hz} Hz, where a notch of {} Hz reaches 0 Hz or half of the rate",
+                    "the harmonic {hz} Hz has its alias at {seen:.3} Hz at {rate_hz} Hz; a notch of {} Hz reaches 0 \
+                     Hz or the Nyquist frequency",
                     self.width_hz
                 );
-                let help = "use `notch` before going to a lower rate, or fewer `harmonics`, or a smaller `width_hz`";
+                let help = "use `notch` before `resample`, or reduce `harmonics` or `width_hz`";
                 return Err(Fault::new(what).help(help).of_param("harmonics"));
             }
-            // Two harmonics that fold onto each other are one sinusoid.
+            // Two harmonics with the same alias are one sinusoid.
             if !found.iter().any(|other| (other - seen).abs() < 0.05 * self.width_hz) {
                 found.push(seen);
             }
@@ -146,7 +145,7 @@ mod tests {
         let lines = table(&[("tt", "s"), ("x", "nT")], Some(10.0));
         let fault = said(notch(50.0).yields(&[&lines]).unwrap_err());
         assert!(fault.contains("50 Hz is at 0.000 Hz") && fault.ends_with("[harmonics]"), "{fault}");
-        assert!(run(&notch(50.0), 100.0, |t| t).unwrap_err().what.contains("half of the rate"));
+        assert!(run(&notch(50.0), 100.0, |t| t).unwrap_err().what.contains("the Nyquist frequency"));
         let once = Notch { harmonics: 4, ..notch(40.0) }.aliases(150.0).unwrap();
         // 40, 80 (70), 120 (30) and 160 (10).
         assert_eq!(once, [40.0, 70.0, 30.0, 10.0]);

@@ -1,4 +1,4 @@
-//! The straight parts, turns and manoeuvres of a line.
+//! Straight parts, turns and manoeuvres of a line.
 
 use std::{ops::Range, sync::Arc};
 
@@ -18,18 +18,18 @@ use crate::{
 };
 
 stage! {
-    /// Divides each line into straight parts, turns and manoeuvres, and appends `segment`, their number from 1 on, and
-    /// `segment_kind`: `straight`, `turn`, `manoeuvre`, or `none` where the heading is missing.
+    /// Divides each line into straight parts, turns and manoeuvres. Appends `segment`, the number of the part from 1,
+    /// and `segment_kind`: `straight`, `turn`, `manoeuvre`, or `none` if the heading is missing.
     ///
-    /// A turn is where the heading changes faster than `turn_dps`, by at least `turn_deg` in all: the yaws of a
-    /// calibration are none. What is left between two turns for less than `least_s` belongs to them. A manoeuvre is where, on
-    /// a straight part, the band-passed angles of `attitude` (or the components of a vector magnetometer) have a root mean
-    /// square above `manoeuvre`, over `window_s`, such as the pitches, rolls and yaws on the legs of a calibration box.
-    /// Boundaries are as sharp as the window.
+    /// In a turn the heading changes faster than `turn_dps` and by at least `turn_deg` in total, so the yaws of a
+    /// calibration are not turns. A part between two turns shorter than `least_s` belongs to the turns. A manoeuvre is
+    /// part of a straight part. In it, the band-passed columns of `attitude` (angles, or components of a vector
+    /// magnetometer) have a root mean square above `manoeuvre` over `window_s`. Examples are the pitches, rolls and
+    /// yaws of a calibration box. Boundaries have the resolution of the window.
     ///
-    /// `select` with `rows = "segment_kind = 'straight'"` takes the straight parts; they stay in the line that they are
-    /// in. Samples are evenly spaced; a gap in time and a missing heading end a segment, and a run shorter than the window
-    /// is `none`. The heading may be a course, made by `derive`: `degrees(atan2(ve, vn))`.
+    /// `select` with `rows = "segment_kind = 'straight'"` keeps the straight parts, which stay in their line. Samples
+    /// must be evenly spaced. A gap in time and a missing heading end a segment, and a run shorter than the window is
+    /// `none`. The heading may be a course computed with `derive`: `degrees(atan2(ve, vn))`.
     Segments = "segments", version 1, grain Line, inputs [input: Lines],
     example r#"
 [[stages]]
@@ -40,27 +40,27 @@ heading  = "heading"
 turn_dps = 5.0
 attitude = ["heading"]
 "#;
-    /// The heading or course.
+    /// Heading or course.
     heading: String, unit "deg", default "yaw";
-    /// The time over which the rate of turn and the manoeuvres are found.
+    /// Window over which the turn rate and the manoeuvres are computed.
     window_s: f64, unit "s", default 5.0, rule Rule::Positive;
-    /// The rate of change of the heading above which it may be a turn.
+    /// Turn rate above which a part may be a turn.
     turn_dps: f64, unit "deg/s", default 1.0, rule Rule::Positive;
-    /// By how much a turn changes the heading at the least.
+    /// Smallest change of heading in a turn.
     turn_deg: f64, unit "deg", default 20.0, rule Rule::NotNegative;
-    /// The shortest straight part.
+    /// Shortest straight part.
     least_s: f64, unit "s", default 20.0, rule Rule::NotNegative;
-    /// The columns that show manoeuvres, all in one unit.
+    /// Columns that show manoeuvres, all with one unit.
     attitude: Vec<String>, unit "", default Vec::<String>::new();
-    /// The root mean square of those, added up, above which it is a manoeuvre; in their unit.
+    /// Threshold of a manoeuvre: root mean square of the sum of the columns of `attitude`, in their unit.
     manoeuvre: f64, unit "", default 2.0, rule Rule::Positive;
-    /// The lower corner of the band-pass of those.
+    /// Lower corner frequency of the band-pass of `attitude`.
     low_hz: f64, unit "Hz", default 0.05, rule Rule::NotNegative;
-    /// Its upper corner; 0 leaves it off.
+    /// Upper corner frequency of the band-pass. 0 removes it.
     high_hz: f64, unit "Hz", default 0.0, rule Rule::NotNegative;
 }
 
-/// What a part of a line is.
+/// Kind of a part of a line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Kind {
     None,
@@ -80,7 +80,7 @@ impl Kind {
     }
 }
 
-/// The runs of equal entries.
+/// Runs of equal entries.
 fn runs<T: PartialEq>(entries: &[T]) -> Vec<Range<usize>> {
     let mut found: Vec<Range<usize>> = vec![];
     for (row, entry) in entries.iter().enumerate() {
@@ -93,19 +93,19 @@ fn runs<T: PartialEq>(entries: &[T]) -> Vec<Range<usize>> {
 }
 
 impl Segments {
-    /// The samples of a window: an odd number, 3 or more.
+    /// Number of samples of a window, odd and at least 3.
     fn window(&self, rate_hz: f64) -> usize {
         2 * ((0.5 * self.window_s * rate_hz).round() as usize).max(1) + 1
     }
 
-    /// Straight parts and turns of a run with the unwrapped heading `heading`; `None` where it is shorter than the window.
+    /// Straight parts and turns of a run with the unwrapped heading `heading`. `None` if it is shorter than the window.
     fn turns(&self, heading: &[f64], rate_hz: f64) -> Result<Option<Vec<Kind>>, Fault> {
         let slope = SavitzkyGolay::new(self.window(rate_hz), 2, 1);
         let slope = slope.map_err(|e| Fault::data(e.to_string()).help("lower `window_s`"))?;
         let Some(rates) = slope.apply(heading) else { return Ok(None) };
         let side = |rate: &f64| if (rate * rate_hz).abs() < self.turn_dps { 0.0 } else { rate.signum() };
         let mut sides: Vec<f64> = rates.iter().map(side).collect();
-        // A slower moment within a turn.
+        // Slower moments within a turn belong to it.
         let short = self.window(rate_hz);
         let parts = runs(&sides);
         for w in parts.windows(3) {
@@ -134,7 +134,7 @@ impl Segments {
         Ok(Some(kinds))
     }
 
-    /// Where the columns of `attitude` vary by more than `manoeuvre`; nowhere without such columns.
+    /// Samples at which the columns of `attitude` vary by more than `manoeuvre`; none without such columns.
     fn manoeuvres(&self, batch: &RecordBatch, tt: &[f64], rate_hz: f64) -> Result<Vec<bool>, Fault> {
         let mut squares = vec![0.0; tt.len()];
         for name in &self.attitude {
@@ -145,7 +145,7 @@ impl Segments {
                 Some(filter) => filter_column(filter, x, &runs).map_err(|e| data(e).in_column(name))?.0,
                 None => x.to_vec(),
             };
-            // What is missing shows no manoeuvre.
+            // A missing value shows no manoeuvre.
             squares.iter_mut().zip(&y).filter(|(_, y)| y.is_finite()).for_each(|(sum, y)| *sum += y * y);
         }
         let half = self.window(rate_hz) / 2;
@@ -159,7 +159,7 @@ impl Segments {
             (sums[to] - sums[from]) / (to - from) as f64
         };
         let mut found: Vec<bool> = (0..squares.len()).map(|row| mean(row) > self.manoeuvre * self.manoeuvre).collect();
-        // The moments between the movements of one manoeuvre.
+        // Moments between the movements of one manoeuvre belong to it.
         for run in runs(&found) {
             let inside = run.start > 0 && run.end < found.len();
             if inside && !found[run.start] && run.len() < 2 * half + 1 {
@@ -174,7 +174,7 @@ impl Segments {
         let rate_hz = even_rate_hz(tt)?;
         let heading = unwrapped_deg(floats(batch, &self.heading)?);
         let busy = self.manoeuvres(batch, tt, rate_hz)?;
-        // The run that a sample belongs to ends a segment as its kind does.
+        // The end of a run ends a segment, and so does a change of kind.
         let mut found = vec![(0, Kind::None); tt.len()];
         for (n, run) in Usable::all(tt.len()).and_finite(&heading).runs_in_time(tt, rate_hz).into_iter().enumerate() {
             let Some(kinds) = self.turns(&heading[run.clone()], rate_hz)? else { continue };
@@ -192,7 +192,11 @@ impl Stage for Segments {
         let shape = shape(inputs, 0)?;
         let mut faults = vec![];
         if let Err(fault) = shape.number(&self.heading, "deg") {
-            faults.push(fault.help("name the heading, or make a course by `derive`").of_param("heading"));
+            faults.push(
+                fault
+                    .help("set `heading` to the column of the heading, or compute a course with `derive`")
+                    .of_param("heading"),
+            );
         }
         if !self.attitude.is_empty() {
             faults.extend(not_numbers_among(shape, &self.attitude, "attitude"));
@@ -200,7 +204,10 @@ impl Stage for Segments {
             let mut units = self.attitude.iter().filter_map(|name| Some(shape.get(name)?.unit.as_str()));
             let first = units.next();
             if let Some(other) = units.find(|unit| Some(*unit) != first) {
-                let what = format!("columns in {} and in {other} have no sum", first.unwrap_or_default());
+                let what = format!(
+                    "`attitude` mixes columns in {} and in {other}; all must have one unit",
+                    first.unwrap_or_default()
+                );
                 faults.push(Fault::new(what).of_param("attitude"));
             }
         }

@@ -1,4 +1,4 @@
-//! Some rows and some columns of lines.
+//! Selects rows and columns of lines.
 
 use arrow_array::{BooleanArray, RecordBatch};
 use arrow_schema::DataType;
@@ -9,13 +9,14 @@ use schemas::{Arrays, Column, Fault, LineIn, LineStage, Passes, Shape, Stage, Ta
 use crate::columns::{data, is_key, shape};
 
 stage! {
-    /// Keeps the rows of each line for which `rows` is true, and the columns that `columns` names or `drop` does not.
+    /// Keeps the rows of each line for which `rows` is true. Keeps the columns that `columns` names, or those that
+    /// `drop` does not name.
     ///
-    /// `rows` is a SQL predicate over the columns of a row, as `where` is over flight and line: a row for which it is unknown,
-    /// because a value is missing (NaN), goes. A line of which no row is left is an error of that line. Rows that go from
-    /// the middle leave a gap in time, at which filters begin anew.
+    /// `rows` is a SQL predicate over the columns of a row. A row for which it is unknown, because a value is missing
+    /// (NaN), is dropped. A line without any kept row is an error of that line. Rows that are dropped in the middle
+    /// leave a gap in time, at which filters restart.
     ///
-    /// Which lines are kept is said by `where`. The columns `flight`, `line` and `tt` are always there.
+    /// `where` selects lines. The columns `flight`, `line` and `tt` are always kept.
     Select = "select", version 2, grain Line, inputs [input: Lines],
     example r#"
 [[stages]]
@@ -25,15 +26,15 @@ input = "resample"
 rows  = "mag_4_uc is not null and alt > 0"
 drop  = ["mag_5_uc"]
 "#;
-    /// Which rows are kept, such as `radar > 100 and abs(roll) < 5`.
+    /// Predicate of the rows that are kept, such as `radar > 100 and abs(roll) < 5`.
     rows: Option<String>, unit "", absent "all";
-    /// The columns that are kept.
-    columns: Option<Vec<String>>, unit "", absent "all that `drop` does not name";
-    /// The columns that are not.
+    /// Columns that are kept.
+    columns: Option<Vec<String>>, unit "", absent "all columns except those of `drop`";
+    /// Columns that are dropped.
     drop: Vec<String>, unit "", default Vec::<String>::new();
 }
 
-/// What a fault calls the predicate.
+/// Name of the predicate in faults.
 const SUBJECT: &str = "`rows`";
 
 impl Select {
@@ -47,7 +48,7 @@ impl Select {
         let predicate = Expression::new(sql, shape, SUBJECT)?;
         match &predicate.data_type {
             DataType::Boolean => Ok(Some(predicate)),
-            kind => Err(Fault::new(format!("{SUBJECT} must be true or false for a row, but this gives {kind}"))),
+            kind => Err(Fault::new(format!("{SUBJECT} must be true or false, but this expression gives {kind}"))),
         }
     }
 }
@@ -65,14 +66,14 @@ impl Stage for Select {
             faults.extend(shape.need(name).err().map(|fault| fault.of_param(param)));
         }
         for name in self.drop.iter().filter(|name| is_key(name)) {
-            faults.push(Fault::new(format!("`{name}` is a key of every line")).of_param("drop"));
+            faults.push(Fault::new(format!("`{name}` is a key of every line and cannot be dropped")).of_param("drop"));
         }
         if let (Some(_), Some(name)) = (&self.columns, self.drop.first()) {
-            let what = format!("`columns` says what is kept already, so that `drop` of `{name}` is not needed");
+            let what = format!("`columns` and `drop` cannot be combined, but `drop` names `{name}`; remove `drop`");
             faults.push(Fault::new(what).of_param("drop"));
         }
         if self.rows.is_none() && self.columns.is_none() && self.drop.is_empty() {
-            faults.push(Fault::new("nothing is selected: say `rows`, `columns` or `drop`"));
+            faults.push(Fault::new("nothing is selected; set `rows`, `columns` or `drop`"));
         }
         let predicate = self.predicate(shape).map_err(|fault| faults.push(fault.of_param("rows"))).ok().flatten();
         if !faults.is_empty() {
@@ -80,7 +81,7 @@ impl Stage for Select {
         }
         let kept: Vec<&Column> = shape.columns.iter().filter(|c| self.keeps(&c.name)).collect();
         let Some(predicate) = predicate else {
-            // The rows stay, so that the columns are those of the input. A table has a column of its own: the time.
+            // The rows are unchanged, so the columns are those of the input. A table needs one new column: the time.
             let names = kept.iter().map(|c| c.name.clone()).filter(|name| name != "tt").collect();
             let time = kept
                 .iter()
@@ -175,7 +176,7 @@ mod tests {
         assert!(of(select(Some("radar > mag_4_uc"), None, &[])).contains("in m"));
         assert!(of(select(None, Some(&["rada"]), &[])).ends_with("[columns]"));
         assert!(of(select(None, None, &["tt"])).contains("is a key"));
-        assert!(of(select(None, Some(&["alt"]), &["radar"])).contains("not needed"));
+        assert!(of(select(None, Some(&["alt"]), &["radar"])).contains("cannot be combined"));
         assert!(of(select(None, None, &[])).contains("nothing is selected"));
     }
 }

@@ -1,4 +1,4 @@
-//! Makes the signal that a compensation model is to explain.
+//! Computes the target of a compensation model.
 
 use arrow_array::RecordBatch;
 use schemas::{
@@ -12,37 +12,38 @@ use crate::{
 };
 
 choice! {
-    /// A type of target of thesis 000, section 3.7.
+    /// Type of target, as in thesis 000, section 3.7.
     pub enum TargetType {
-        /// The truth less core field and diurnal variation.
+        /// Truth minus core field and diurnal variation.
         A = "a",
-        /// The value of the map.
+        /// Value of the map.
         B = "b",
-        /// The magnetometer less core field, diurnal variation and map.
+        /// Magnetometer minus core field, diurnal variation and map.
         C = "c",
-        /// The magnetometer less the truth.
+        /// Magnetometer minus truth.
         D = "d",
-        /// The magnetometer less core field and diurnal variation.
+        /// Magnetometer minus core field and diurnal variation.
         E = "e",
     }
 }
 
 stage! {
-    /// Appends `target`, one of the five signals that the theses fit models to.
+    /// Appends `target`, one of the five targets of thesis 000 to which models are fitted.
     ///
     /// | type | target | a model of it predicts |
     /// |---|---|---|
-    /// | `a` | truth, less core field and diurnal variation | the anomaly |
+    /// | `a` | truth minus core field and diurnal variation | the anomaly |
     /// | `b` | value of the map | the anomaly |
-    /// | `c` | magnetometer, less core field, diurnal variation and map | the aircraft's field |
-    /// | `d` | magnetometer less truth | the aircraft's field |
-    /// | `e` | magnetometer, less core field and diurnal variation; `fit` band-passes it | the aircraft's field |
+    /// | `c` | magnetometer minus core field, diurnal variation and map | the aircraft field |
+    /// | `d` | magnetometer minus truth | the aircraft field |
+    /// | `e` | magnetometer minus core field and diurnal variation; `fit` band-passes it | the aircraft field |
     ///
-    /// Give `fit` this column as its `target` and, but for `e`, `low_hz = 0` and `high_hz = 0`. A model of the anomaly is
-    /// applied with `predicts = "anomaly"` of `compensate`. For `b` and `c` the table needs `map_anomaly`, of `map_value`.
+    /// Set `target` of `fit` to this column. Set `low_hz = 0` and `high_hz = 0` too, except for type `e`. Apply a model
+    /// of the anomaly with `predicts = "anomaly"` of `compensate`. Types `b` and `c` require `map_anomaly`, of
+    /// `map_value`.
     ///
-    /// The column's role is truth: it may be a target, and no feature. A sample that lacks one of its parts is NaN. Its metadata
-    /// `removed` lists what was removed, so that no later stage removes it again.
+    /// The column has the role truth: it may be a target but not a feature. A sample with a missing part is NaN. The
+    /// metadata `removed` list the corrections, so that no later stage repeats them.
     ///
     /// Source: thesis 000, section 3.7.
     Target = "target", version 2, grain Line, inputs [input: Lines],
@@ -55,20 +56,20 @@ kind  = "d"
 mag   = "mag_4_uc"
 truth = "mag_1_c"
 "#;
-    /// The type.
+    /// Type of the target.
     kind: TargetType, unit "", default TargetType::D;
-    /// The scalar magnetometer that is to be compensated, for `c`, `d` and `e`.
-    mag: Option<String>, unit "nT", absent "`c`, `d` and `e` are errors";
-    /// The column of the true field, for `a` and `d`.
+    /// Scalar magnetometer to be compensated, for `c`, `d` and `e`.
+    mag: Option<String>, unit "nT", absent "`c`, `d` and `e` are rejected";
+    /// Column of the true field, for `a` and `d`.
     truth: String, unit "nT", default "mag_1_c";
-    /// Take the core field `igrf` off, for `a`, `c` and `e`.
-    remove_core: Option<bool>, unit "", absent "true, unless it was removed before";
-    /// Take the diurnal variation `diurnal` off, for `a`, `c` and `e`.
-    remove_diurnal: Option<bool>, unit "", absent "true, unless it was removed before";
+    /// Subtracts the core field `igrf`, for `a`, `c` and `e`.
+    remove_core: Option<bool>, unit "", absent "true, unless it has already been removed";
+    /// Subtracts the diurnal variation `diurnal`, for `a`, `c` and `e`.
+    remove_diurnal: Option<bool>, unit "", absent "true, unless it has already been removed";
 }
 
 impl Target {
-    /// The corrections of the column to begin with: each with its key, and the column that it takes off.
+    /// Corrections of the first column: each with its key, and the column to subtract.
     fn corrections(&self) -> [(Correction, Option<bool>, Key, &'static str); 2] {
         [
             (Correction::Core, self.remove_core, REMOVE_CORE, "igrf"),
@@ -76,12 +77,12 @@ impl Target {
         ]
     }
 
-    /// Whether core field and diurnal variation are taken off what it begins with.
+    /// Returns whether core field and diurnal variation are subtracted from the first column.
     fn is_reduced(&self) -> bool {
         matches!(self.kind, TargetType::A | TargetType::C | TargetType::E)
     }
 
-    /// The corrections that the target has had.
+    /// Corrections that the target has had.
     fn removed(&self, shape: &Shape, from: &str, less: &[String]) -> Removed {
         let both = [Correction::Core, Correction::Diurnal];
         match self.kind {
@@ -93,10 +94,10 @@ impl Target {
         }
     }
 
-    /// The column to begin with, and those to take off it.
+    /// First column, and the columns to subtract from it.
     fn parts(&self, shape: &Shape) -> Result<(String, Vec<String>), Fault> {
         let mag = || {
-            let missing = || Fault::new(format!("type `{}` needs `mag`", self.kind.word())).of_param("kind");
+            let missing = || Fault::new(format!("type `{}` requires `mag`", self.kind.word())).of_param("kind");
             self.mag.clone().ok_or_else(missing)
         };
         let earth = |from: String| {
@@ -120,9 +121,11 @@ impl Target {
     fn needs(&self, shape: &Shape, name: &str) -> Result<(), Fault> {
         let found = shape.number(name, "nT").map(|_| ());
         found.map_err(|fault| match name {
-            MAP => fault.help("append it first, with `map_value`").of_param("kind"),
-            "igrf" => fault.help("append it with `core_field`, or say `remove_core = false`").of_param("remove_core"),
-            "diurnal" => fault.help("say `remove_diurnal = false`").of_param("remove_diurnal"),
+            MAP => fault.help("add a `map_value` stage before this one").of_param("kind"),
+            "igrf" => fault.help("add a `core_field` stage, or set `remove_core = false`").of_param("remove_core"),
+            "diurnal" => {
+                fault.help("add a `diurnal` stage, or set `remove_diurnal = false`").of_param("remove_diurnal")
+            }
             _ if name == self.truth => fault.of_param("truth"),
             _ => fault.of_param("mag"),
         })
@@ -138,7 +141,10 @@ impl Stage for Target {
         let reads: Vec<String> = std::iter::once(from).chain(less).collect();
         let mut faults: Vec<Fault> = reads.iter().filter_map(|name| self.needs(shape, name).err()).collect();
         if self.kind == TargetType::E && reads.first() == Some(&self.truth) {
-            faults.push(Fault::new("`mag` is the truth, which needs no compensation").of_param("mag"));
+            faults.push(
+                Fault::new("`mag` is the truth, which requires no compensation; name another magnetometer")
+                    .of_param("mag"),
+            );
         }
         let corrections = || self.corrections().into_iter().filter(|_| self.is_reduced());
         faults.extend(corrections().filter_map(|(c, given, key, _)| twice(shape, &own, c, given, key)));
@@ -147,17 +153,17 @@ impl Stage for Target {
                 |name: &str| -> Removed { had(shape, name).into_iter().filter(|c| *c != Correction::Lag).collect() };
             if part(&own[0]) != part(&self.truth) {
                 let what = format!(
-                    "`{}` and `{}` have had different corrections, so that their difference is no aircraft's field",
+                    "`{}` and `{}` have had different corrections, so their difference is not an aircraft field",
                     own[0], self.truth
                 );
-                let help = "name readings that both hold core field and diurnal variation, or neither";
+                let help = "name readings that both include core field and diurnal variation, or neither";
                 faults.push(Fault::new(what).help(help).of_param("truth"));
             }
         }
         if !faults.is_empty() {
             return Err(faults);
         }
-        let doc = format!("what a model is to explain: type {} of thesis 000, section 3.7", self.kind.word());
+        let doc = format!("target of a model: type {} of thesis 000, section 3.7", self.kind.word());
         let column = Column::float("target", "nT", doc).role(Role::Truth).from(0, &reads).without(removed);
         let mut yields = Yield::append(vec![column], &reads);
         yields.notes.extend(note_of_ins_position(shape).filter(|_| reads.iter().any(|name| name == MAP)));
@@ -233,7 +239,7 @@ mod tests {
         let said = |t: &Target| t.yields(&[&table]).unwrap_err().iter().map(ToString::to_string).collect::<String>();
         assert!(said(&target("c")).contains("map_value"));
         assert!(said(&target("e")).contains("remove_diurnal"));
-        assert!(said(&Target { mag: None, ..target("d") }).contains("needs `mag`"));
+        assert!(said(&Target { mag: None, ..target("d") }).contains("requires `mag`"));
         let made = target("d").yields(&[&table]).unwrap();
         assert_eq!(made.columns[0].role, Role::Truth);
     }

@@ -1,7 +1,7 @@
-//! Models that are not linear, as the table of a `fit` holds them, and what they predict.
+//! Nonlinear models, as the table of a `fit` holds them, and their predictions.
 //!
-//! A table of such a model begins with the term `family NAME`; what follows is laid out in `trained::terms`. A table without that
-//! term is a sum of coefficients times terms.
+//! The table of such a model begins with the term `family NAME`. The other terms are laid out in `trained::terms`. A
+//! table without that term is a linear model: a sum of coefficients times terms.
 
 mod boosted_trees;
 mod network;
@@ -24,63 +24,63 @@ pub use windowed::WindowedNetwork;
 use terms::broken;
 
 choice! {
-    /// How a model that is not linear predicts.
+    /// Form of a nonlinear model.
     pub enum Family {
-        /// A network of layers, alone or together with a linear model.
+        /// Network of layers, alone or together with a linear model.
         Network = "network",
-        /// A network over a window of samples.
+        /// Network over a window of samples.
         Windowed = "windowed_network",
-        /// A sum of regression trees.
+        /// Sum of regression trees.
         BoostedTrees = "boosted_trees",
-        /// A linear model of random Fourier features.
+        /// Linear model of random Fourier features.
         RandomFeatures = "random_features",
     }
 }
 
-/// The term that begins the table of a model that is not linear.
+/// First term of the table of a nonlinear model.
 const FAMILY: &str = "family";
 
-/// Whether a term tells of the training and is no part of the model.
+/// Returns whether a term describes the training and is not part of the model.
 fn is_of_training(name: &str) -> bool {
     name.split_once('.').map_or(name, |(_, rest)| rest).starts_with("epoch_")
 }
 
-/// What a model predicts.
+/// Prediction of a model.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Prediction {
-    /// The field, nT, a value a row.
+    /// Predicted field of each row, nT.
     pub field_nt: Vec<f64>,
-    /// One sigma of that, nT, where the model knows it.
+    /// Standard deviation of the prediction, nT. `None` if the model does not provide one.
     pub sigma_nt: Option<Vec<f64>>,
 }
 
-/// The layers of a network.
+/// Layers of a network.
 #[derive(Clone, Copy, Debug)]
 pub enum Layers<'a> {
-    /// Of each sample alone.
+    /// Layers of a network that sees one sample.
     Dense(&'a Shape),
-    /// Of a window of samples at a rate, Hz.
+    /// Layers of a network that sees a window of samples at a rate, Hz.
     Windowed(&'a Windowed, f64),
 }
 
-/// The parts of a network, as another training can begin with them.
+/// Parts of a network, from which another training can start.
 #[derive(Clone, Copy, Debug)]
 pub struct Parts<'a> {
-    /// The names of the inputs.
+    /// Names of the inputs.
     pub inputs: &'a [String],
-    /// How they are scaled.
+    /// Scaling of the inputs.
     pub scaling: &'a Inputs,
-    /// The names of the linear terms.
+    /// Names of the linear terms.
     pub linear: &'a [String],
-    /// The layers.
+    /// Layers of the network.
     pub layers: Layers<'a>,
-    /// The parameters of each member.
+    /// Parameters of each member.
     pub members: &'a [Vec<f64>],
-    /// The scale of the target, nT.
+    /// Scale of the target, nT.
     pub scale_nt: f64,
 }
 
-/// A model that is not linear.
+/// Nonlinear model.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Learned {
     /// See [`Network`].
@@ -94,7 +94,7 @@ pub enum Learned {
 }
 
 impl Learned {
-    /// The entries of the features that it needs, in the order of [`Learned::predict`].
+    /// Entries of the features that the model requires, in the order of [`Learned::predict`].
     pub fn columns(&self) -> &[String] {
         match self {
             Learned::Network(network) => network.columns(),
@@ -104,8 +104,8 @@ impl Learned {
         }
     }
 
-    /// What it predicts of rows of [`Learned::columns`], row-major, all of them finite. `runs` are the numbers of rows that
-    /// follow each other in time, which only a network over a window looks at.
+    /// Prediction for rows of [`Learned::columns`], row-major and finite. `runs` are the lengths of runs of consecutive
+    /// rows. Only a network over a window uses them.
     pub fn predict(&self, x: &[f64], runs: &[usize]) -> Prediction {
         match self {
             Learned::Network(network) => network.predict(x),
@@ -115,7 +115,7 @@ impl Learned {
         }
     }
 
-    /// The derivatives of the predicted field with respect to each column, row-major; `None` where there are none.
+    /// Derivatives of the predicted field with respect to each column, row-major. `None` if the model has none.
     pub fn gradient(&self, x: &[f64]) -> Option<Vec<f64>> {
         match self {
             Learned::Network(network) => Some(network.gradient(x)),
@@ -124,7 +124,7 @@ impl Learned {
         }
     }
 
-    /// Its parts; `None` of what is no network.
+    /// Parts of a network. `None` for other models.
     pub fn parts(&self) -> Option<Parts<'_>> {
         match self {
             Learned::Network(network) => Some(network.parts()),
@@ -133,10 +133,9 @@ impl Learned {
         }
     }
 
-    /// Whether samples at a rate can be its input.
+    /// Checks that samples at a rate can be the input.
     ///
-    /// # Errors
-    /// When it sees a window of samples at another rate.
+    /// # Errors If the model sees a window of samples at another rate.
     pub fn check_rate(&self, rate_hz: f64) -> Result<(), Fault> {
         match self {
             Learned::Windowed(network) => network.check_rate(rate_hz),
@@ -144,7 +143,7 @@ impl Learned {
         }
     }
 
-    /// Whether it sees more than one sample at a time.
+    /// Returns whether the model sees more than one sample at a time.
     pub fn sees_a_window(&self) -> bool {
         match self {
             Learned::Windowed(_) => true,
@@ -152,7 +151,7 @@ impl Learned {
         }
     }
 
-    /// The terms of its table.
+    /// Terms of the model's table.
     pub fn terms(&self) -> Vec<Term> {
         let (family, rest) = match self {
             Learned::Network(network) => (Family::Network, network.terms()),
@@ -163,10 +162,9 @@ impl Learned {
         std::iter::once(term(format!("{FAMILY} {}", family.word()), 1.0)).chain(rest).collect()
     }
 
-    /// The model of a table with these terms; `None` for a linear one.
+    /// Model of a table with these terms. `None` for a linear one.
     ///
-    /// # Errors
-    /// When terms are missing, duplicate, or do not fit together: the table is not whole.
+    /// # Errors If terms are missing, duplicate or inconsistent, because the table is incomplete.
     pub fn read(names: &[String], values: &[f64]) -> Result<Option<Learned>, Fault> {
         if !names.iter().any(|name| name.strip_prefix(FAMILY).is_some_and(|rest| rest.starts_with(' '))) {
             return Ok(None);
@@ -181,7 +179,7 @@ impl Learned {
             Family::RandomFeatures => Learned::RandomFeatures(Kernel::read(&reading)?),
         };
         if learned.terms().len() != names.len() {
-            return Err(broken("it has other terms than its layout".to_owned()));
+            return Err(broken("its terms do not match its layout".to_owned()));
         }
         Ok(Some(learned))
     }

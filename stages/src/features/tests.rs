@@ -151,9 +151,9 @@ fn gold_what_cannot_be_made_is_told_with_its_parameter() {
     assert!(said(&features(&["mag_1_c"])).contains("`mag_1_c` is a truth column"));
     assert!(said(&features(&["mag_1_c_dot"])).contains("`mag_1_c` is a truth column"), "nor what is made of it");
     assert!(said(&features(&["cur_fan_dot"])).contains("there is no column `cur_fan`"));
-    assert!(said(&Features { vector: None, ..features(&["ETL_cur_strb"]) }).contains("say which in `vector`"));
-    assert!(said(&Features { mag: None, ..features(&["small_1"]) }).contains("needs `mag`"));
+    assert!(said(&Features { vector: None, ..features(&["ETL_cur_strb"]) }).contains("set `vector`"));
+    assert!(said(&Features { mag: None, ..features(&["small_1"]) }).contains("requires `mag`"));
     assert!(said(&features(&["baro", "baro"])).contains("duplicate feature `baro`"));
     assert!(said(&Features { groups: vec![4], ..features(&["baro"]) }).contains("no group 4"));
-    assert!(said(&features(&[])).contains("no feature"));
+    assert!(said(&features(&[])).contains("`features` is empty"));
 }

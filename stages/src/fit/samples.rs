@@ -90,7 +90,7 @@ impl Samples<'_> {
         let (least, most) = (rates().fold(f64::INFINITY, f64::min), rates().fold(0.0, f64::max));
         if most > 1.01 * least {
             let what = format!("the lines have from {least} to {most} samples a second, and a window needs one rate");
-            return Err(Fault::data(what).help("resample first"));
+            return Err(Fault::data(what).help("add a `resample` stage before this one"));
         }
         Ok(most)
     }
