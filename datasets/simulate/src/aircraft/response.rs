@@ -1,4 +1,4 @@
-//! What follows its cause late or depends on its past: first-order responses, delays, and the hysteresis of iron.
+//! Delayed and history-dependent responses: first-order responses, delays, and the hysteresis of iron.
 
 /// The response of first order, tau dy/dt + y = x, to `x` sampled at `rate_hz` and straight between its samples; before
 /// the first it has always been `x[0]`. Exact for such an `x`. Without a time constant `x` itself.
@@ -43,9 +43,9 @@ pub(super) fn delayed(x: &[f64], rate_hz: f64, delay_s: f64) -> Vec<f64> {
 const PLAYS: usize = 60;
 const LARGEST: f64 = 1.5;
 
-/// The irreversible magnetisation of iron in a weak field by Rayleigh's law, a H² on the first loading and
-/// a (Hm H ± (Hm² - H²) / 2) on the loop between ±Hm, in units of what remains at H = 0 of a loop between plus and minus
-/// the reference amplitude.
+/// The irreversible magnetisation of iron in a weak field by Rayleigh's law, a H² on the first loading and a (Hm H ±
+/// (Hm² - H²) / 2) on the loop between ±Hm, in units of what remains at H = 0 of a loop between plus and minus the
+/// reference amplitude.
 ///
 /// It is a sum of play operators of evenly spaced thresholds (Prandtl and Ishlinskii), whose loops are Rayleigh's: each
 /// turning point is remembered until a larger excursion wipes it out, however fast the field changes. Beyond 1.5 times

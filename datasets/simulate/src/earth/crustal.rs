@@ -94,10 +94,10 @@ pub(super) struct CrustalMap {
     levels: Mutex<BTreeMap<u64, Arc<Level>>>,
 }
 
-/// Why there is no field at a sample.
+/// Reason for a sample without a field.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Nowhere {
-    /// It is off the map or where the map is unknown.
+    /// It lies off the map or at an unknown node.
     Off(usize),
     /// It is below the map.
     Below(usize),
@@ -112,7 +112,7 @@ impl CrustalMap {
         let wrong = |e: &dyn std::fmt::Display| ReadError::data(path, e.to_string());
         let level_m = map.column("alt").first().copied().unwrap_or(f64::NAN);
         if map.column("alt").iter().any(|a| *a != level_m) {
-            return Err(ReadError::data(path, "the simulation needs a map of one height").in_column("alt"));
+            return Err(ReadError::data(path, "the simulation requires a level map").in_column("alt"));
         }
         let (lats, lons) = (map.latitudes_deg(), map.longitudes_deg());
         let grid = GeographicGrid::new(&lats, &lons, map.column("anomaly")).map_err(|e| wrong(&e))?;

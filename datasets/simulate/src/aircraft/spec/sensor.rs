@@ -250,7 +250,10 @@ pub(super) fn scalar(s: &Section, currents: &[Current]) -> Option<Scalar> {
     let keys: ScalarKeys = s.group(None)?;
     let known = schemas::flight::describe(&keys.name);
     if known.unit != "nT" || !keys.name.starts_with("mag_") {
-        s.fault_at("name", format!("the name of a scalar magnetometer must be `mag_N_uc` or `mag_1_c`, not `{}`", keys.name));
+        s.fault_at(
+            "name",
+            format!("the name of a scalar magnetometer must be `mag_N_uc` or `mag_1_c`, not `{}`", keys.name),
+        );
     }
     let axis = Vector3::from(keys.axis);
     if axis.norm() < 1e-9 {
