@@ -371,7 +371,7 @@ fn gold_maps_that_cannot_be_read_say_so_and_leave_nothing_behind() {
     let bench = Bench::new();
     fs::write(bench.path("half.tif"), &fs::read(osborne()).unwrap()[..200_000]).unwrap();
     fs::write(bench.path("empty.nc"), b"").unwrap();
-    for (map, says) in [("half.tif", "TIFF"), ("empty.nc", "empty"), ("none.grd", "no such file")] {
+    for (map, says) in [("half.tif", "TIFF"), ("empty.nc", "empty"), ("none.grd", "does not exist")] {
         let output = bench.magline(&["map", "convert", map, "-o", "out.parquet"]);
         assert_eq!(output.status.code(), Some(2), "{map}");
         assert!(stderr(&output).contains(says) && stderr(&output).contains(map), "{}", stderr(&output));

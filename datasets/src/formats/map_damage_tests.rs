@@ -145,7 +145,7 @@ fn unit_cells_cut_short_or_gone_are_an_error() {
     let path = folder.path().join("gdal.ers");
     fs::copy(reference().join("gdal.ers"), &path).unwrap();
     let fault = read_grid(&path, &MapOptions::default()).unwrap_err().to_string();
-    assert!(fault.ends_with("gdal: there is no such file"), "{fault}");
+    assert!(fault.ends_with("gdal: the file does not exist"), "{fault}");
     let cells = fs::read(reference().join("gdal")).unwrap();
     fs::write(folder.path().join("gdal"), &cells[..139]).unwrap();
     let fault = read_grid(&path, &MapOptions::default()).unwrap_err().to_string();
@@ -192,7 +192,7 @@ fn gold_awkward_texts() {
         (surfer("2 2", "0 inf", "1 2 3 4"), "the axis begins at 0 and steps by inf, which does not define a grid"),
         (surfer("2 2", "0 10", "1 2 3 x"), "row 3: `x` is not a number"),
         (surfer("2 2", "0 10", "1 2 3"), "the file is cut short: 3 of 4 values found"),
-        (surfer("2 2", "0 10", "2e38 2e38 2e38 2e38"), "column `anomaly`: no cell has a value"),
+        (surfer("2 2", "0 10", "2e38 2e38 2e38 2e38"), "column `anomaly`: the map has no known value"),
     ] {
         let fault = said("a.grd", &text);
         assert!(fault.ends_with(expected), "{fault}");
@@ -210,7 +210,7 @@ fn gold_awkward_texts() {
         ("easting northing anomaly\n0 0 1\n1 0 1\n0 1 1\n0 1 1\n", "row 3: duplicate node"),
         (
             "easting northing anomaly\n0 0 1\n1 0 1\n2 0 1\n3 0 1\n",
-            "a map needs two or more values along the axis, not 1",
+            "a map requires at least two nodes along each axis, not 1",
         ),
         (
             "easting northing anomaly\n0 0 1\n1 * 1\n2 0 1\n3 0 1\n",

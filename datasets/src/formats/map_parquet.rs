@@ -164,7 +164,7 @@ fn write(map: &AnomalyGrid, outputs: &mut Outputs) -> Result<(), ReadError> {
 fn schema(map: &AnomalyGrid) -> SchemaRef {
     let mut fields: Vec<Field> = schemas::map::shape().columns.iter().map(schemas::Column::field).collect();
     if map.value_unit != "nT" {
-        let what = "derivative of the magnetic anomaly; NaN where unknown";
+        let what = "derivative of the total field anomaly; NaN where unknown";
         fields.splice(3..4, [field("anomaly", DataType::Float64, map.value_unit, Role::Aux, what)]);
     }
     if !map.is_geographic() {

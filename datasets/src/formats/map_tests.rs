@@ -121,7 +121,7 @@ mod val_other_programs {
             ("gdal_rotated.tif", "the grid is rotated (warp it to a north-up grid first)"),
             ("gdal_nowhere.tif", "does not say where its cells are (no ModelPixelScale and ModelTiepoint)"),
             ("gdal_two_bands.tif", "a map has one band; this is "),
-            ("gdal_unknown.tif", "column `anomaly`: no cell has a value"),
+            ("gdal_unknown.tif", "column `anomaly`: the map has no known value"),
             (
                 "gdal_uncoded.tif",
                 "the file does not give the system of its eastings and northings (give `epsg`, the code of",

@@ -340,7 +340,7 @@ fn gold_files_that_no_format_knows() {
     let path = written(&folder, "empty.h5", "");
     assert_eq!(said(&path, &default), format!("{}: the file is empty", path.display()));
     let path = folder.path().join("none.csv");
-    assert_eq!(said(&path, &default), format!("{}: there is no such file", path.display()));
+    assert_eq!(said(&path, &default), format!("{}: the file does not exist", path.display()));
     let map = read_map(&written(&folder, "b.bin", "\0"), &MapOptions::default()).unwrap_err().to_string();
     assert!(
         map.ends_with(

@@ -29,7 +29,7 @@ impl FileAxis {
     pub(crate) fn new(path: &Path, name: &str, first: f64, step: f64, len: usize) -> Result<FileAxis, ReadError> {
         let wrong = |what: String| Err(ReadError::data(path, what).in_column(name));
         if len < 2 {
-            return wrong(format!("a map needs two or more values along the axis, not {len}"));
+            return wrong(format!("a map requires at least two nodes along each axis, not {len}"));
         }
         let last = first + step * (len - 1) as f64;
         if !(first.is_finite() && step.is_finite() && last.is_finite()) {
