@@ -277,7 +277,7 @@ fn r10_what_cannot_be_is_refused_before_work() {
     let bench = Bench::new();
     points_of(&bench, |_, _| ());
     for (args, says) in [
-        (&["-o", "grid.xyzzy"][..], "the extension is not that of a writable map format"),
+        (&["-o", "grid.xyzzy"][..], "the extension belongs to no writable map format"),
         (&["-o", "none/grid.parquet"], "the folder `none` does not exist"),
         (&["-o", "grid.parquet", "--spacing", "0"], "`--spacing-m` must be above 0, not 0"),
         (&["-o", "grid.parquet", "--damping=-1"], "`--damping` must be above 0, not -1"),

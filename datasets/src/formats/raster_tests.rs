@@ -1,5 +1,5 @@
-//! Rasters whose stored numbers are not the values: packing, masks, markers, units of coordinates, and values that cannot
-//! be. `tests/cases/maps` holds files of other programs; their siblings are made here.
+//! Rasters whose stored numbers are not the values: packing, masks, markers, units of coordinates, and values that
+//! cannot be. `tests/cases/maps` holds files of other programs; their siblings are made here.
 
 #![allow(clippy::unwrap_used, clippy::panic)]
 
@@ -113,7 +113,7 @@ fn unit_packing_and_no_data_of_every_type_of_band() {
     let partial = SCALED.replace(" role=\"scale\"", "");
     let broken = Image::band(2, 2, 8, 1, vec![255, 0, 10, 100]).text(42112, &partial);
     let fault = bytes("m.tif", &tiff(&[broken]), &MapOptions::default()).unwrap_err();
-    assert!(fault.contains("the scale of the band (tag 42112) does not name its band and role"), "{fault}");
+    assert!(fault.contains("the scale of the band (tag 42112) lacks its band and role"), "{fault}");
 }
 
 #[test]
@@ -145,7 +145,7 @@ fn unit_masks_alpha_bands_and_white_as_zero() {
     let fault = read(&[band.clone(), small]).unwrap_err();
     assert!(fault.contains("the mask of the file has 1 x 2 cells, not 2 x 2"), "{fault}");
     let second = read(&[band.clone(), band.clone()]).unwrap();
-    assert!(second.notes.iter().any(|n| n == "1 further images of the file are not read"), "{:?}", second.notes);
+    assert!(second.notes.iter().any(|n| n == "1 other images of the file are ignored"), "{:?}", second.notes);
 
     // An alpha band, cell by cell and plane by plane.
     let mixed = cells(&[1.0_f32, 0.0, 2.0, 255.0, 3.0, 255.0, 4.0, 255.0], f32::to_le_bytes);
@@ -180,11 +180,11 @@ fn unit_side_files_are_applied_and_never_to_another_file() {
     assert!(same(&map, (15.0, 195.0, 1)), "{:?}", map.anomaly_nt);
     assert_eq!(map_files(&path).unwrap(), [path.clone(), aux.clone()]);
     let fault = write_grid(&path, &map, None).unwrap_err().to_string();
-    assert!(fault.contains("m.tif.aux.xml` belongs to a former file"), "{fault}");
+    assert!(fault.contains("m.tif.aux.xml` belongs to an earlier file"), "{fault}");
     // What contradicts the file itself is refused.
     fs::write(&path, tiff(&[image.clone().text(42112, SCALED)])).unwrap();
     let fault = read_grid(&path, &MapOptions::default()).unwrap_err().to_string();
-    assert!(fault.contains("gives 2 as scale or offset, the file itself 0.5"), "{fault}");
+    assert!(fault.contains("has 2 as scale or offset, but the file itself has 0.5"), "{fault}");
     fs::remove_file(&aux).unwrap();
     fs::write(&path, tiff(&[image])).unwrap();
     // A mask in a file: the first row is the northernmost.
@@ -268,10 +268,10 @@ fn unit_attributes_of_netcdf_say_how_numbers_are_read() {
         assert!(same(&map, expected), "{name}: {:?} {:?}", map.anomaly_nt, map.notes);
     }
     for (attribute, what) in [
-        (("scale_factor", Text("a half")), "`scale_factor` is `a half`, not a number"),
-        (("_Unsigned", Text("maybe")), "`_Unsigned` is `maybe`, not true or false"),
-        (("valid_range", Shorts(vec![5])), "`valid_range` has 1 numbers, not two"),
-        (("scale_factor", Doubles(vec![0.0])), "the scale 0 and the offset 0 of the values define no value"),
+        (("scale_factor", Text("a half")), "`scale_factor` must be a number, not `a half`"),
+        (("_Unsigned", Text("maybe")), "`_Unsigned` must be true or false, not `maybe`"),
+        (("valid_range", Shorts(vec![5])), "`valid_range` must have two numbers, not 1"),
+        (("scale_factor", Doubles(vec![0.0])), "the scale 0 and the offset 0 of the values are invalid"),
     ] {
         let values = Shorts(vec![1, 2, 3, 4]);
         let file = netcdf(&[1.0, 2.0], &[1.0, 2.0], ["degrees_east", "degrees_north"], values, &[attribute]);
@@ -301,7 +301,7 @@ fn unit_units_of_coordinates_in_every_format() {
         assert!((found - expected).abs() < 1e-6, "{units:?}: {found}");
     }
     for (units, what) in [
-        (["furlong"; 2], "the unit `furlong` of the coordinates is not known"),
+        (["furlong"; 2], "the unit `furlong` of the coordinates is unknown"),
         (["degrees_east", "degrees_north"], "the coordinates are in degrees, but EPSG:32754"),
         (["km", "m"], "the coordinates are in two units, km and m"),
     ] {
@@ -327,9 +327,9 @@ fn unit_units_of_coordinates_in_every_format() {
     with_size.doubles.push((34736, vec![0.5]));
     assert!((west(&tiff(&[with_size]), "m.tif", &utm()).unwrap() - 0.5 * corner).abs() < 1e-6);
     let fault = west(&tiff(&[image(&own)]), "m.tif", &utm()).unwrap_err();
-    assert!(fault.contains("user-defined, but its size is not given"), "{fault}");
+    assert!(fault.contains("user-defined, but its size is missing"), "{fault}");
     let fault = west(&tiff(&[image(&keys(9999))]), "m.tif", &utm()).unwrap_err();
-    assert!(fault.contains("the unit EPSG:9999 of the coordinates is not known"), "{fault}");
+    assert!(fault.contains("the unit EPSG:9999 of the coordinates is unknown"), "{fault}");
     // The file's own system and unit contradict each other; naming the system settles it.
     let mut both = keys(9003);
     both[15] = 32754;
@@ -349,9 +349,9 @@ fn unit_units_of_coordinates_in_every_format() {
     assert!((west(csv.as_bytes(), "m.csv", &utm()).unwrap() - 152.4).abs() < 1e-9);
     let gxf = fs::read_to_string(case("km.gxf")).unwrap();
     let fault = west(gxf.replace("\"km\",1000", "\"ft\",1000").as_bytes(), "m.gxf", &utm()).unwrap_err();
-    assert!(fault.contains("#UNIT_LENGTH says that a unit `ft` is 1000 m"), "{fault}");
+    assert!(fault.contains("#UNIT_LENGTH gives the unit `ft` a wrong length of 1000 m"), "{fault}");
     let fault = west(gxf.replace("\"km\",1000", "\"cubit\"").as_bytes(), "m.gxf", &utm()).unwrap_err();
-    assert!(fault.contains("the unit `cubit` of the coordinates is not known"), "{fault}");
+    assert!(fault.contains("the unit `cubit` of the coordinates is unknown"), "{fault}");
     let folder = TempDir::new().unwrap();
     let asc = folder.path().join("m.asc");
     fs::copy(case("nodata.asc"), &asc).unwrap();
@@ -403,8 +403,8 @@ fn r10_values_that_no_rock_makes() {
     let fault = read_grid(&case("emag2.nc"), &MapOptions::default()).unwrap_err().to_string();
     for part in [
         "emag2.nc, column `anomaly`: in row ",
-        "99,999 nT is not a magnetic anomaly (-20,000 to 20,000 nT), nor are 1 more of 63 values",
-        "set `missing = [99999]` in the table of the spec or give `--missing=99999`",
+        "99,999 nT is not a magnetic anomaly (-20,000 to 20,000 nT), and 1 more of 63 values are outside too",
+        "set `missing = [99999]` in the table of the spec or use `--missing=99999`",
         "`accept = [\"range\"]`",
     ] {
         assert!(fault.contains(part), "{part}: {fault}");
@@ -454,7 +454,7 @@ fn r10_values_that_no_rock_makes() {
     assert!(read("99999", &slope).unwrap_err().contains("a derivative of a magnetic anomaly"));
     let heights = "lon,lat,anomaly,alt\n1,1,5,300\n2,1,6,300\n1,2,7,310\n2,2,8,1e7\n";
     let fault = bytes("m.csv", heights.as_bytes(), &MapOptions::default()).unwrap_err();
-    assert!(fault.contains("10000000 m is not a height of a map"), "{fault}");
+    assert!(fault.contains("10000000 m is outside the possible heights of a map"), "{fault}");
     let map = bytes("m.csv", heights.replace("1e7", "-99999").as_bytes(), &MapOptions::default()).unwrap();
     assert!(matches!(&map.height, Height::Cells(cells) if cells[3].is_nan()), "{:?}", map.height);
     let word = MapOptions { missing: vec!["dropout".into()], ..MapOptions::default() };
@@ -486,7 +486,10 @@ fn r10_values_of_survey_points() {
     }
     assert!(read(&rows("inf", "100"), &plain).unwrap().value_nt[2].is_nan());
     let fault = read(&rows("7", "1e7"), &plain).unwrap_err();
-    assert!(fault.contains("column `alt`") && fault.contains("is not a height of an aircraft"), "{fault}");
+    assert!(
+        fault.contains("column `alt`") && fault.contains("is outside the possible heights of an aircraft"),
+        "{fault}"
+    );
     assert!(read(&rows("7", "-99999"), &plain).unwrap().height_m[1].is_nan());
     let total =
         rows("54300", "100").replace(",5\n", ",54000\n").replace(",6\n", ",54100\n").replace(",8\n", ",54200\n");
