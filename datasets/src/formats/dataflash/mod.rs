@@ -99,7 +99,8 @@ fn instance<'a>(path: &Path, asked: Option<&'a str>, names: &'a [(String, u64)])
         [_] => Ok(names.iter().find(of).map(|(known, _)| known.as_str())),
         _ => {
             let what = format!("`{name}` has {} instances; set `topic` to one of them", instances.len());
-            Err(ReadError::options(path, what).help(format!("the instances, with their numbers of rows: {}", listed(&instances))))
+            Err(ReadError::options(path, what)
+                .help(format!("the instances, with their numbers of rows: {}", listed(&instances))))
         }
     }
 }

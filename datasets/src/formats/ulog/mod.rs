@@ -104,10 +104,7 @@ fn notes(path: &Path, walk: &Walk, number: usize) -> Vec<String> {
         notes.push(format!("{} of unknown types or ids skipped", counted(state.unknown, "message")));
     }
     if state.unreadable > 0 {
-        notes.push(format!(
-            "{} skipped together with their messages",
-            counted(state.unreadable, "invalid definition")
-        ));
+        notes.push(format!("{} skipped together with their messages", counted(state.unreadable, "invalid definition")));
     }
     notes.extend(misfits(&state.topics));
     if let Some(end) = state.appended.first().filter(|end| **end > walk.position()) {
