@@ -61,9 +61,9 @@ pub trait Stage: Params + Any + Send + Sync {
     /// Fails with all faults of the parameters or the tables, before anything runs.
     fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>>;
 
-    /// Why the parameter `key` has no effect, such as a key of a model that is not fitted; `None` if it has an effect.
-    /// The key of a result omits such parameters, so that points of a sweep that differ in nothing else are computed
-    /// once. A spec that sets such a parameter explicitly is rejected.
+    /// Reason why the parameter `key` has no effect, such as a key of a model that is not fitted; `None` if it has an
+    /// effect. The key of a result omits such parameters, so that points of a sweep that differ in nothing else are
+    /// computed once. A spec that sets such a parameter explicitly is rejected.
     fn idle(&self, _key: &str) -> Option<Fault> {
         None
     }
@@ -100,7 +100,7 @@ pub trait LineStage: Stage {
     /// Builds the data shared by all lines, once. `inputs` holds models and maps; line tables are empty batches.
     ///
     /// # Errors
-    /// When a model or map cannot be used.
+    /// Fails for a model or map that cannot be used.
     fn prepare(&self, inputs: &[RecordBatch]) -> Result<Self::Prepared, Fault>;
 
     /// The parameters that [`LineStage::prepare`] depends on, in canonical spelling: all, unless a stage restricts them
@@ -114,7 +114,7 @@ pub trait LineStage: Stage {
     /// Arrays for the columns of [`Stage::yields`], in that order, for one line.
     ///
     /// # Errors
-    /// When this line cannot be computed; the other lines are still computed.
+    /// Fails for a line that cannot be computed; the other lines are still computed.
     fn run(&self, line: &LineIn, prepared: &Self::Prepared) -> Arrays;
 
     /// [`LineStage::run`] for several points of a sweep over one line, for a stage that shares work between them.
@@ -138,7 +138,7 @@ pub struct LinePoint<'a, S: LineStage> {
     pub stage: &'a S,
     /// The line.
     pub line: &'a LineIn,
-    /// What the stage prepared.
+    /// The prepared data of the stage.
     pub prepared: &'a S::Prepared,
 }
 
@@ -187,7 +187,7 @@ pub trait Gather: Send + Sync + 'static {
     /// Reduces one line.
     ///
     /// # Errors
-    /// When the line cannot be used; the computation continues without it.
+    /// Fails for a line that cannot be used; the computation continues without it.
     fn map(&self, line: &LineIn) -> Result<Self::Part, Fault>;
 
     /// The points that cannot use a reduced line, by position, and the reasons. They continue without the line, as all
@@ -207,7 +207,7 @@ pub trait MapStage: Stage {
     /// order of the inputs.
     ///
     /// # Errors
-    /// When the map cannot be computed.
+    /// Fails for a map that cannot be computed.
     fn run(&self, maps: &[RecordBatch]) -> Result<Product, Fault>;
 }
 

@@ -99,8 +99,8 @@ impl AnomalyGrid {
     /// Makes the checks of [`AnomalyGrid::new`].
     ///
     /// # Errors
-    /// Fails for axes of fewer than two nodes or with non-finite numbers, values or heights that differ in number from the
-    /// nodes, infinite values, and a grid without a known value.
+    /// Fails for axes of fewer than two nodes or with non-finite numbers, values or heights that differ in number from
+    /// the nodes, infinite values, and a grid without a known value.
     pub fn check(&self) -> Result<(), ReadError> {
         let names = if self.crs.is_geographic() { ["lon", "lat"] } else { ["easting", "northing"] };
         for (axis, name) in [&self.x, &self.y].into_iter().zip(names) {

@@ -28,8 +28,8 @@ impl Crs {
     /// drift relative to WGS-84, and locally tens of metres for old datums.
     ///
     /// # Errors
-    /// Fails for an unknown code, projection or transformation to WGS-84, such as of datums defined by a grid-shift file
-    /// (NAD27).
+    /// Fails for an unknown code, projection or transformation to WGS-84, such as of datums defined by a grid-shift
+    /// file (NAD27).
     pub fn from_epsg(path: &Path, code: u16) -> Result<Crs, ReadError> {
         let unknown = |why: String| {
             ReadError::options(path, format!("the coordinate system EPSG:{code} {why}"))

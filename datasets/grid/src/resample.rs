@@ -33,7 +33,8 @@ impl AnomalyGrid {
     /// within two nodes of an unknown node, are then NaN.
     ///
     /// # Errors
-    /// Fails for a map of fewer than 4 x 4 nodes, a map around a pole, and coordinates that are invalid in their system.
+    /// Fails for a map of fewer than 4 x 4 nodes, a map around a pole, and coordinates that are invalid in their
+    /// system.
     pub fn to_geographic(&self) -> Result<MapTable, ReadError> {
         if self.crs.is_wgs84_at(self.middle().1, self.middle().0) {
             return MapTable::of(self);

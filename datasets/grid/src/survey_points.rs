@@ -56,8 +56,8 @@ impl SurveyPoints {
     /// have no values, no heights and one unnamed line; the caller adds these.
     ///
     /// # Errors
-    /// Fails without points, for an unknown system or one in degrees, without a UTM zone, and for points that are invalid in
-    /// the system.
+    /// Fails without points, for an unknown system or one in degrees, without a UTM zone, and for points that are
+    /// invalid in the system.
     pub fn at(lat_deg: Vec<f64>, lon_deg: Vec<f64>, to_epsg: Option<u16>) -> Result<SurveyPoints, ReadError> {
         let nowhere = Path::new("");
         if lat_deg.is_empty() {

@@ -14,7 +14,7 @@ use crate::ReadError;
 
 pub(super) const FORMAT: FlightFormat = FlightFormat {
     name: "iaga2002",
-    about: "observatory records, IAGA-2002: each station is a flight, each day a line",
+    about: "observatory records, IAGA-2002: a station is a flight, a day a line",
     extensions: &["sec", "min"],
     recognise: |head| {
         head.first_line().is_some_and(|line| {

@@ -15,7 +15,7 @@ use crate::ReadError;
 
 pub(super) const FORMAT: FlightFormat = FlightFormat {
     name: "imf",
-    about: "observatory records by the minute, INTERMAGNET IMFV1.22 and 1.23: each station is a flight, each day a line",
+    about: "observatory records by the minute, INTERMAGNET IMFV1.22 and 1.23: a station is a flight, a day a line",
     // The extension is the code of the station.
     extensions: &["imf"],
     recognise: |head| head.first_line().is_some_and(|line| Block::of(&line).is_some()),
@@ -77,8 +77,8 @@ impl Block {
 /// The declination is relative to the baseline of its header. Values marked as missing are NaN.
 ///
 /// # Errors
-/// Fails for a file that is not in this format, a line that cannot be read, a block that is cut off, headers that contradict
-/// each other or themselves, and hours that do not follow one another.
+/// Fails for a file that is not in this format, a line that cannot be read, a block that is cut off, headers that
+/// contradict each other or themselves, and hours that do not follow one another.
 pub fn read_imf(path: &Path) -> Result<ObservatoryRecord, ReadError> {
     let bytes = std::fs::read(path).map_err(|e| ReadError::io(path, &e))?;
     parse(path, &String::from_utf8_lossy(&bytes))

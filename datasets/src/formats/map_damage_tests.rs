@@ -42,7 +42,7 @@ fn given() -> MapOptions {
     MapOptions { epsg: Some(32630), alt_m: Some(300.0), ..MapOptions::default() }
 }
 
-/// Reads a map from bytes under the name of a file; a panic is told with the bytes that made it.
+/// Reads a map from bytes under the name of a file; a panic is reported with the bytes that caused it.
 fn outcome(folder: &TempDir, name: &str, bytes: &[u8], what: &str) -> Result<AnomalyGrid, String> {
     let file = Path::new(name).file_name().unwrap();
     let path = folder.path().join(file);
@@ -87,7 +87,7 @@ fn unit_a_map_cut_short_anywhere_is_an_error() {
         let end = if is_text(name) { whole.trim_ascii_end().len() } else { whole.len() };
         for length in (0..end.saturating_sub(slack)).step_by(step) {
             let read = outcome(&folder, name, &whole[..length], &format!("{length} bytes"));
-            assert!(read.is_err(), "{name}: {length} of {} bytes were taken for the whole", whole.len());
+            assert!(read.is_err(), "{name}: {length} of {} bytes were accepted as complete", whole.len());
         }
         outcome(&folder, name, &whole, "whole").unwrap();
     }

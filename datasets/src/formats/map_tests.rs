@@ -143,7 +143,7 @@ mod val_other_programs {
 mod round_trips {
     use super::*;
 
-    /// What each format keeps of a map.
+    /// Properties of a map that each format keeps.
     struct Kept {
         format: &'static str,
         file: &'static str,
@@ -282,7 +282,7 @@ mod round_trips {
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1, "nothing half-written is left");
     }
 
-    /// What a file says, whatever its bytes.
+    /// The result of reading a file with any bytes.
     fn unpacked(path: &Path) -> String {
         format!("{:?}", AnomalyGrid { source: PathBuf::new(), ..read_grid(path, &MapOptions::default()).unwrap() })
     }

@@ -118,8 +118,8 @@ const LINES: &[&str] = &[
 /// Points without a position are skipped and counted in the notes; points without a value are kept, as NaN.
 ///
 /// # Errors
-/// Fails for a file that cannot be read, missing or non-numeric columns, units that do not convert, and coordinates in an
-/// unknown system.
+/// Fails for a file that cannot be read, missing or non-numeric columns, units that do not convert, and coordinates in
+/// an unknown system.
 pub fn read_points(path: &Path, options: &PointOptions) -> Result<SurveyPoints, ReadError> {
     let table = load(path, options.format.as_deref())?;
     let found = Found::of(path, &table, options)?;
@@ -315,8 +315,8 @@ impl<'a> Found<'a> {
         let possible = |alt: &f64| alt.is_nan() || limits("alt").is_none_or(|l| l.holds(*alt));
         if let Some(row) = heights.iter().position(|alt| usual && !possible(alt)) {
             let what = format!("{} m is outside the possible heights of an aircraft", heights[row]);
-            let help = "if it marks a missing value, set `missing` or use `--missing`; set `accept = [\"range\"]` or use \
-                        `--accept range` to keep the values";
+            let help = "if it marks a missing value, set `missing` or use `--missing`; set `accept = [\"range\"]` or \
+                        use `--accept range` to keep the values";
             return Err(ReadError::data(path, what).in_column(&column.name).in_row(row as u64).help(help));
         }
         Ok(heights)

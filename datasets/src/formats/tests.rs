@@ -421,7 +421,7 @@ fn unit_a_file_cut_short_is_an_error_that_names_it() {
             match outcome(&path, map) {
                 Err(said) => assert!(said.contains("cut."), "{name} {length}: {said}"),
                 // Text cut at the end of a row is a shorter table.
-                Ok(()) => assert!(text, "{name}: {length} bytes were taken for the whole"),
+                Ok(()) => assert!(text, "{name}: {length} bytes were accepted as complete"),
             }
         }
     }

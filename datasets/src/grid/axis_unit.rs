@@ -16,10 +16,10 @@ pub(crate) enum AxisUnit {
     Length(String, f64),
 }
 
-/// Where the coordinate system comes from.
+/// Source of the coordinate system.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Origin {
-    /// The options: they take precedence over the file.
+    /// The options, which override the file.
     Given,
     /// The same file as the unit.
     File,

@@ -34,8 +34,8 @@ pub(crate) struct Unit<'a> {
 /// Rejects impossible values. `wrong` makes an error at a value's index.
 ///
 /// # Errors
-/// Fails for values outside the limits of an anomaly (of a total field if most values are one), and for a largest value of
-/// nines, such as 9999, that is far above the next.
+/// Fails for values outside the limits of an anomaly (of a total field if most values are one), and for a largest value
+/// of nines, such as 9999, that is far above the next.
 pub(crate) fn check(
     values: &[f64],
     unit: &Unit,

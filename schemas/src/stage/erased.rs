@@ -101,7 +101,7 @@ pub trait StageDyn: Send + Sync {
     /// See [`Stage::yields`].
     ///
     /// # Errors
-    /// As there.
+    /// Fails in the same cases.
     fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>>;
     /// For the way back to the type.
     fn as_any(&self) -> &dyn Any;
@@ -151,7 +151,7 @@ pub struct AnyLinePoint<'a> {
     pub stage: &'a dyn LineStageDyn,
     /// The line.
     pub line: &'a LineIn,
-    /// What the stage prepared.
+    /// The prepared data of the stage.
     pub prepared: &'a Prepared,
 }
 
@@ -168,14 +168,14 @@ pub trait LineStageDyn: StageDyn {
     /// See [`LineStage::prepare`].
     ///
     /// # Errors
-    /// As there.
+    /// Fails in the same cases.
     fn prepare(&self, inputs: &[RecordBatch]) -> Result<Prepared, Fault>;
     /// See [`LineStage::prepare_key`].
     fn prepare_key(&self) -> String;
     /// See [`LineStage::run`].
     ///
     /// # Errors
-    /// As there, and when `prepared` is another stage's.
+    /// Fails in the same cases, and for `prepared` data of another stage.
     fn run(&self, line: &LineIn, prepared: &Prepared) -> Arrays;
     /// See [`LineStage::run_points`]; `self` determines only the type. A point of another stage has a fault.
     fn run_points(&self, points: &[AnyLinePoint]) -> Vec<Arrays>;
@@ -219,7 +219,7 @@ pub trait SurveyStageDyn: StageDyn {
     /// See [`SurveyStage::gather`]; `self` determines only the type.
     ///
     /// # Errors
-    /// When a point is of another stage.
+    /// Fails for a point of another stage.
     fn gather(&self, points: &[AnySurveyPoint]) -> Result<Box<dyn GatherDyn>, Fault>;
 }
 
@@ -238,14 +238,14 @@ pub trait GatherDyn: Send + Sync {
     /// See [`Gather::map`].
     ///
     /// # Errors
-    /// As there.
+    /// Fails in the same cases.
     fn map(&self, line: &LineIn) -> Result<Part, Fault>;
     /// See [`Gather::refused`].
     fn refused(&self, part: &Part) -> Vec<(usize, Fault)>;
     /// See [`Gather::finish`].
     ///
     /// # Errors
-    /// When a part is another stage's.
+    /// Fails for a part of another stage.
     fn finish(&self, parts: Vec<Part>, work: &dyn Work) -> Result<Vec<Result<Product, Fault>>, Fault>;
 }
 
@@ -269,7 +269,7 @@ pub trait MapStageDyn: StageDyn {
     /// See [`MapStage::run`].
     ///
     /// # Errors
-    /// As there.
+    /// Fails in the same cases.
     fn run(&self, maps: &[RecordBatch]) -> Result<Product, Fault>;
 }
 

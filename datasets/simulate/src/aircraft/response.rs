@@ -124,7 +124,7 @@ mod tests {
         assert!(long.iter().all(|x| *x == 0.0));
     }
 
-    /// From `from` to `to` in small steps.
+    /// Values from `from` to `to` in small steps.
     fn sweep(iron: &mut Rayleigh, from: f64, to: f64) -> Vec<f64> {
         (0..=2000).map(|i| iron.follow(from + (to - from) * f64::from(i) / 2000.0)).collect()
     }

@@ -191,7 +191,7 @@ fn law_the_parts_sum_to_the_reading() {
     }
 }
 
-/// Which part belongs to a component; dead zones and dropouts take values away.
+/// The part of a component; dead zones and dropouts remove values.
 fn part_of(component: &str) -> Option<&str> {
     match component {
         "gusts" | "ins" | "dead_zones" | "dropouts" => None,

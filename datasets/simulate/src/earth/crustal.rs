@@ -88,7 +88,7 @@ pub(super) struct CrustalMap {
     corrected: PlaneGrid,
     /// The residual along the core field at the map's height.
     rest: PlaneGrid,
-    /// Whether the four nodes of each cell are known, by rows.
+    /// Whether the four nodes around each grid square are known, by rows.
     known: Vec<bool>,
     /// The cached levels, by the bits of the height above the map: independent of the order of requests.
     levels: Mutex<BTreeMap<u64, Arc<Level>>>,
@@ -359,8 +359,7 @@ impl Tower {
     }
 }
 
-/// How the components change per metre of height in a field without curl and sources; the residual is taken as
-/// constant.
+/// Vertical derivatives of the components in a field without curl and sources, per metre; the residual is constant.
 fn vertical_slope(jet: &Jet, [north_m, east_m]: [f64; 2]) -> Quantities {
     let [east, north, up] = [0, 1, 2];
     let divergence = jet.per_column[east] / east_m + jet.per_row[north] / north_m;

@@ -35,7 +35,7 @@ pub(super) struct Variation<'a> {
     pub(super) observatory: Option<&'a Observatory>,
     pub(super) seed: u64,
     pub(super) flight: &'a str,
-    /// When the flight begins.
+    /// Start of the flight.
     pub(super) start_tt_s: f64,
 }
 

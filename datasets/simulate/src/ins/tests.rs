@@ -42,7 +42,7 @@ fn read(before: &str, ins: &str) -> Result<Spec, ReadError> {
     Spec::read(&path)
 }
 
-/// What the truth and the INS are along the lines of the flight.
+/// The truth and the INS along the lines of the flight.
 struct Said {
     truth: Trajectory,
     ins: [Vec<f64>; 13],

@@ -53,7 +53,7 @@ pub const COMPONENTS: &[&str] = &[
     "channel_stuck",
 ];
 
-/// Which components are off; all others are on.
+/// The components that are off; all others are on.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Components {
     off: Vec<&'static str>,

@@ -340,7 +340,7 @@ pub(super) fn crossings(mut route: Route, loops: &[bool], again: bool) -> Way {
     Way { route, marks_m }
 }
 
-/// From the crossing to the beginning of a loop, in metres.
+/// Distance from the crossing to the start of a loop, in metres.
 pub(super) fn lead_m(route: &Route) -> f64 {
     let angle = 1.5 * PI;
     -route.shape(angle).tangent_m(angle)

@@ -43,7 +43,8 @@ fn read(path: &Path, keep: &dyn Fn(&str) -> bool) -> Result<Read, ReadError> {
     if head.starts_with(V5) {
         return v5::read(path, keep);
     }
-    let what = "the file is not a MATLAB file of version 5 to 7.3: it must start with `MATLAB 5.0`, or with `MATLAB 7.3` and HDF5";
+    let what =
+        "the file is not a MATLAB file of version 5 to 7.3: its header must start with `MATLAB 5.0` or `MATLAB 7.3`";
     Err(ReadError::data(path, what).help("load an older file in MATLAB and save it with `save(name, '-v7')`"))
 }
 

@@ -301,7 +301,7 @@ variant! {
 }
 
 params! {
-    /// What is wrong with the channel that records a current, a voltage or a control signal.
+    /// Errors of a channel that records a current, a voltage or a control signal.
     pub struct ChannelKeys;
     /// Delay of the recorded value.
     delay_s: f64, unit "s", default 0.0, rule Rule::Between(0.0, 60.0);
