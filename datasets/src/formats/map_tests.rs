@@ -234,7 +234,7 @@ mod round_trips {
             }
             let path = folder.path().join("drape").with_extension(kept.file.split('.').nth(1).unwrap());
             let fault = write_grid(&path, &drape, Some(kept.format)).unwrap_err().to_string();
-            assert!(fault.contains("the map's height varies") && !path.exists(), "{fault}");
+            assert!(fault.contains("the height of the map varies") && !path.exists(), "{fault}");
         }
     }
 

@@ -158,7 +158,7 @@ fn unit_masks_alpha_bands_and_white_as_zero() {
     }
     let two = Image::band(2, 2, 32, 3, mixed).with(277, &[2]).with(338, &[0]).with(258, &[32, 32]).with(339, &[3, 3]);
     let fault = read(&[two]).unwrap_err();
-    assert!(fault.contains("a map has one band"), "{fault}");
+    assert!(fault.contains("a map must have one band"), "{fault}");
 
     // Photometric interpretation is for screens: the numbers are the values.
     let white = Image::band(2, 2, 16, 1, cells(&[1_u16, 2, 3, 4], u16::to_le_bytes)).with(262, &[0]);
@@ -439,7 +439,7 @@ fn r10_values_that_no_rock_makes() {
     }
     for value in ["inf", "-inf", "1e32", "-32768", "1.70141e38"] {
         let map = read(value, &MapOptions::default()).unwrap();
-        assert!(same(&map, (5.0, 7.0, 1)) && map.notes.iter().any(|n| n.contains("taken as unknown")), "{value}");
+        assert!(same(&map, (5.0, 7.0, 1)) && map.notes.iter().any(|n| n.contains("treated as unknown")), "{value}");
     }
     let tesla = MapOptions { unit: Some("T".into()), ..MapOptions::default() };
     let fault = read("1e300", &tesla).unwrap_err();

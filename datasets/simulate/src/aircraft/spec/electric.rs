@@ -416,9 +416,9 @@ params! {
     /// path carries I abs(I) / (abs(I) + `onset_a`). At 0 it carries the whole current.
     onset_a: f64, unit "A", default 0.0, rule Rule::NotNegative;
     /// Position of a small coil in the body frame (nose, right, down). It replaces `path`.
-    place_m: Option<[f64; 3]>, unit "m", absent "a `path`", rule Rule::Finite;
+    place_m: Option<[f64; 3]>, unit "m", absent "no coil", rule Rule::Finite;
     /// Magnetic moment of the coil per ampere, A m²/A, in the body frame.
-    moment_m2: Option<[f64; 3]>, unit "m2", absent "a `path`", rule Rule::Finite;
+    moment_m2: Option<[f64; 3]>, unit "m2", absent "no coil", rule Rule::Finite;
 }
 
 pub(super) fn wire(s: &Section, currents: &[Current]) -> Option<Wire> {
