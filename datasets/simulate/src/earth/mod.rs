@@ -87,11 +87,11 @@ const STEP_S: f64 = 1e-3;
 
 /// The earth's field along a line: the exact sum of its three vectors, and its rate.
 ///
-/// The rate in the body frame is Cᵀ dB/dt − ω × (Cᵀ B), with the attitude C, the exact rates of turn ω of the body
-/// against north-east-down, and dB/dt = (v·∇)B + ∂B/∂t of the components north, east, down: the difference of the
-/// field a millisecond ahead and behind on the tangent of the track. It does not depend on the sample rate of the
-/// flight. The difference errs by (k v h)²/6 of a wave of wavenumber k, 1e-6 of one of 150 m at 60 m/s. The core
-/// field's secular variation, below 1e-5 nT/s, is not included in the rate.
+/// The rate in the body frame is Cᵀ dB/dt − ω × (Cᵀ B). C is the attitude and ω the exact angular rate of the body
+/// relative to north-east-down. dB/dt = (v·∇)B + ∂B/∂t is the rate of the components north, east and down. It is the
+/// difference of the field 1 ms ahead and behind on the tangent of the track, so it does not depend on the sample rate
+/// of the flight. The relative error of the difference is (k v h)²/6 at the wavenumber k: 1e-6 for 150 m at 60 m/s. The
+/// core field's secular variation, below 1e-5 nT/s, is not included in the rate.
 ///
 /// # Errors
 /// Fails for a line that leaves the known map, goes below it or through a source; a time without a value of the
