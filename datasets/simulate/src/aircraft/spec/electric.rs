@@ -105,7 +105,7 @@ pub struct Engine {
     pub per_load: f64,
     /// Standard deviation of small corrections of the throttle.
     pub ripple: f64,
-    /// Correlation time of the corrections, in seconds.
+    /// Time constant of the corrections, in seconds.
     pub ripple_s: f64,
 }
 
@@ -265,7 +265,7 @@ variant! {
     per_load: f64, unit "1", default 0.2, rule Rule::NotNegative;
     /// Standard deviation of small corrections of the throttle.
     ripple: f64, unit "1", default 0.0, rule Rule::NotNegative;
-    /// Correlation time of the corrections.
+    /// Time constant of the corrections.
     ripple_s: f64, unit "s", default 3.0, rule Rule::Positive;
 }
 
