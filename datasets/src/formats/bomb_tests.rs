@@ -60,7 +60,10 @@ fn bug_a_parquet_file_that_declares_much_is_refused() {
     let bytes = parquet(&table(vec![("x".into(), Arc::new(nulls))]));
     assert!(bytes.len() < 10_000);
     let said = case.flight("nulls.parquet", &bytes);
-    assert!(said.contains("declares 315 MB of values") && said.contains("the limit for this file size is 268 MB"), "{said}");
+    assert!(
+        said.contains("declares 315 MB of values") && said.contains("the limit for this file size is 268 MB"),
+        "{said}"
+    );
     let map = read_grid(&case.file("map.parquet", &bytes), &MapOptions::default()).unwrap_err().to_string();
     assert!(map.contains("map.parquet: declares 315 MB"), "{map}");
 }
