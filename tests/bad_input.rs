@@ -114,7 +114,7 @@ fn failures(bench: &Bench) -> Vec<(String, String, String)> {
 fn gold_repeated_and_backward_time_fail_their_line_only() {
     for (at, from, says) in [
         (50usize, 49usize, "row 50: duplicate time 36004.9 s"),
-        (50, 47, "row 50: time goes back from 36004.9 s to 36004.7 s"),
+        (50, 47, "row 50: time decreases from 36004.9 s to 36004.7 s"),
     ] {
         let good = line_of("1", "1.02", 500);
         let bad = changed(&good, "tt", |i, t| if i == at { 36_000.0 + from as f64 * 0.1 } else { t });
@@ -311,7 +311,7 @@ fn gold_missing_keys_wrong_units_and_text_for_numbers() {
     write(&bench.path("flights/1.parquet"), &[without(&line_of("1", "1.01", 100), "tt")]);
     let done = bench.run(&[]);
     assert_eq!(done.code, 2);
-    assert!(done.stderr.contains("a flight table needs a column `tt`"), "{}", done.stderr);
+    assert!(done.stderr.contains("a flight table requires a column `tt`"), "{}", done.stderr);
     fs::remove_file(bench.path("flights/1.parquet")).unwrap();
     fs::write(bench.path("flights/1.csv"), "flight,line,tt,mag_4_uc\n1,1.01,0.0,50000\n1,1.01,0.1,oops\n").unwrap();
     let done = bench.run(&[]);

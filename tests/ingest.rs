@@ -282,7 +282,7 @@ fn user_what_is_wrong_is_said_with_its_place_and_nothing_is_written() {
         &["no row of log.csv says when the log began", "unknown = true"],
     ));
     let back = "ms,MagX,MagY,MagZ,cur\n1000,200,0,450,1\n1200,201,0,450,1\n1100,202,0,450,1\n";
-    empty(refused(back, MAPPING, 2, &["line 1", "column `tt`, row 2", "time goes back"]));
+    empty(refused(back, MAPPING, 2, &["line 1", "column `tt`, row 2", "time decreases"]));
     let torn = "ms,MagX,MagY,MagZ,cur\n1000,200,0,450,1\n1100,oops,0,450,1\n1200,202,0,450,1\n";
     empty(refused(torn, MAPPING, 2, &["MagX"]));
     let folder = bench(10);

@@ -179,7 +179,7 @@ fn user_a_record_of_another_day_fails_the_line_and_says_why() {
     bench.spec(&(tables().replace("[tables.boulder]\npath = ", "[tables.boulder]\npath = \"cut.min\" # ") + variation));
     let cut = bench.magline(&["run", "spec.toml"]);
     assert_eq!(cut.status.code(), Some(2), "{}", stdout(&cut));
-    assert!(stderr(&cut).contains("cut.min") && stderr(&cut).contains("cannot be read in line"), "{}", stderr(&cut));
+    assert!(stderr(&cut).contains("cut.min") && stderr(&cut).contains("is invalid in line"), "{}", stderr(&cut));
 }
 
 #[test]

@@ -277,7 +277,7 @@ fn r10_what_cannot_be_is_refused_before_work() {
     let bench = Bench::new();
     points_of(&bench, |_, _| ());
     for (args, says) in [
-        (&["-o", "grid.xyzzy"][..], "the extension is not that of a writable map format"),
+        (&["-o", "grid.xyzzy"][..], "the extension belongs to no writable map format"),
         (&["-o", "none/grid.parquet"], "the folder `none` does not exist"),
         (&["-o", "grid.parquet", "--spacing", "0"], "`--spacing-m` must be above 0, not 0"),
         (&["-o", "grid.parquet", "--damping=-1"], "`--damping` must be above 0, not -1"),
@@ -371,7 +371,7 @@ fn gold_maps_that_cannot_be_read_say_so_and_leave_nothing_behind() {
     let bench = Bench::new();
     fs::write(bench.path("half.tif"), &fs::read(osborne()).unwrap()[..200_000]).unwrap();
     fs::write(bench.path("empty.nc"), b"").unwrap();
-    for (map, says) in [("half.tif", "TIFF"), ("empty.nc", "empty"), ("none.grd", "no such file")] {
+    for (map, says) in [("half.tif", "TIFF"), ("empty.nc", "empty"), ("none.grd", "does not exist")] {
         let output = bench.magline(&["map", "convert", map, "-o", "out.parquet"]);
         assert_eq!(output.status.code(), Some(2), "{map}");
         assert!(stderr(&output).contains(says) && stderr(&output).contains(map), "{}", stderr(&output));

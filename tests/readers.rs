@@ -317,7 +317,7 @@ fn r10_midnight_is_unwrapped_and_other_falls_are_not() {
     let noon = bench("");
     fs::write(noon.path("logs/1.csv"), csv(&lines(60), &same, &back)).unwrap();
     assert_eq!(noon.run(&[]).code, 1);
-    assert!(failures(&noon)[0].1.contains("row 40: time goes back from 70003.9 s to 10004 s"));
+    assert!(failures(&noon)[0].1.contains("row 40: time decreases from 70003.9 s to 10004 s"));
 }
 
 #[test]

@@ -362,7 +362,11 @@ fn user_a_watched_folder_takes_what_is_whole_and_names_what_is_not() {
     fs::write(bench.path("flights/3.parquet"), half).unwrap();
     let refused = bench.run(&[]);
     assert_eq!(refused.code, 2);
-    assert!(refused.stderr.contains("flights/3.parquet: not a whole Parquet file"), "{}", refused.stderr);
+    assert!(
+        refused.stderr.contains("flights/3.parquet: the file is not a complete Parquet file"),
+        "{}",
+        refused.stderr
+    );
     assert!(bench.tables("store") == before);
     // With a time to settle it is left out, and said.
     let done = bench.run(&["--settle", "1h"]);

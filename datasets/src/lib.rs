@@ -1,10 +1,10 @@
 //! The input and output of magline: foreign formats and the embedded samples.
 //!
-//! A flight, in any format that is known by its content or its name, becomes batches with the
-//! contract's column names ([`open_flight`]), or keeps the file's own ([`open_raw`]); a map becomes an even grid in its own coordinates
-//! ([`read_grid`]) or of latitude and longitude ([`read_map`]), and can be written in any of a dozen
-//! formats ([`write_grid`]); survey points come from any table ([`read_points`]). Other crates may add flight
-//! formats ([`formats::flight_formats`]), as that of the simulator does.
+//! The content or name of a file identifies its format. A flight becomes batches with canonical column names
+//! ([`open_flight`]) or the file's names ([`open_raw`]). A map becomes an even grid in its coordinates ([`read_grid`])
+//! or in latitude and longitude ([`read_map`]), and can be written in any of a dozen formats ([`write_grid`]). Survey
+//! points come from any table ([`read_points`]). Other crates can add flight formats ([`formats::flight_formats`]), as
+//! the simulator does.
 
 pub mod formats;
 mod grid;
@@ -14,8 +14,8 @@ mod row_fault;
 pub mod samples;
 pub mod table;
 
-/// Changes whenever a reader or the simulator computes other values from the same bytes: part of the key of
-/// their cached results.
+/// Version of the readers and the simulator, part of the key of their cached results. It changes whenever they compute
+/// other values from the same bytes.
 pub const VERSION: &str = "7";
 
 pub use formats::{

@@ -1,4 +1,4 @@
-//! The mappings that come with magline: what the columns of the logs of known programs mean. `mappings/README.md` describes
+//! The mappings included in magline: the meaning of columns in logs of known programs. `mappings/README.md` describes
 //! their form.
 
 /// A mapping by name.

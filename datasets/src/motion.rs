@@ -23,8 +23,8 @@ pub type Ned = [Vec<f64>; 3];
 impl Track<'_> {
     /// Velocity in m/s, north-east-down, by differences of the positions on the ellipsoid.
     ///
-    /// True north, both radii of curvature and the height are used, unlike differences of grid
-    /// coordinates, which treat grid north and the projection's scale as the true ones.
+    /// It uses true north, both radii of curvature and the height. Differences of grid coordinates would use grid north
+    /// and the projection's scale instead.
     pub fn velocity_mps(&self) -> Ned {
         let (dlat, dlon) = (slopes(self.tt, self.lat_deg), slopes(self.tt, &unwrapped_deg(self.lon_deg)));
         let earth = EarthModel::Wgs84;

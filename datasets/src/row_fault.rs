@@ -1,4 +1,4 @@
-//! What is wrong with one row of a file.
+//! Faults of single rows of a file.
 
 use crate::ReadError;
 

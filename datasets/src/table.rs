@@ -29,14 +29,14 @@ impl Values {
     }
 }
 
-/// Named columns in the file's order, each with the unit its values have.
+/// Named columns in the file's order, each with the unit of its values.
 #[derive(Clone, Debug, Default)]
 pub struct Table {
     columns: Vec<(Field, Values)>,
 }
 
 impl Table {
-    /// Appends a column; an empty unit leaves the canonical one to be assumed.
+    /// Appends a column; an empty unit means the canonical one.
     pub fn push(&mut self, name: &str, unit: &str, values: Values) {
         self.push_described(name, unit, flight::describe(name).description, values);
     }
@@ -59,7 +59,7 @@ impl Table {
         self.columns.rotate_right(1);
     }
 
-    /// The numbers of the column `name`, if it is there and has numbers.
+    /// The numbers of the column `name`, if it exists and is numeric.
     pub fn numbers(&self, name: &str) -> Option<&[f64]> {
         self.columns.iter().find(|(f, _)| f.name() == name).and_then(|(_, v)| match v {
             Values::Number(x) => Some(x.as_slice()),
@@ -91,7 +91,7 @@ impl Table {
     /// The columns as one batch.
     ///
     /// # Errors
-    /// When the columns have different lengths.
+    /// Fails for columns of different lengths.
     pub fn into_batch(self, path: &Path) -> Result<RecordBatch, ReadError> {
         let schema = self.schema();
         let columns = self.columns.into_iter().map(|(_, v)| array(v)).collect();

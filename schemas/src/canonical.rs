@@ -1,4 +1,4 @@
-//! From whatever a file holds to the contract's columns: types, units and roles, once, on ingest.
+//! Conversion of a file's columns to canonical types, units and roles, once, on ingest.
 
 use std::sync::Arc;
 
@@ -8,7 +8,7 @@ use arrow_schema::{DataType, Field, Schema, SchemaRef};
 
 use crate::{Described, Fault, Role, convert, describe_field, field, flight};
 
-/// How each column of a file becomes a column of the flight table.
+/// Conversion of each column of a file to a column of the flight table.
 #[derive(Clone, Debug)]
 pub struct Canonical {
     schema: SchemaRef,
@@ -19,14 +19,14 @@ pub struct Canonical {
 enum Step {
     Text,
     Number(f64),
-    /// A scalar magnetometer: the earth's field is nowhere 0 nT, so a reading of exactly that is a dropout.
+    /// A scalar magnetometer: the earth's field is never 0 nT, so a reading of exactly 0 is a dropout.
     Scalar(f64),
     Cast,
     Keep,
 }
 
 impl Canonical {
-    /// The way from `source` to the flight table.
+    /// The conversion from `source` to the flight table.
     ///
     /// Text and numbers become `flight` and `line`; every column with a canonical unit becomes Float64 in it; other
     /// floats become Float64, other whole numbers Int64, and the rest stays as it is. Columns keep the file's order
@@ -40,7 +40,7 @@ impl Canonical {
         let mut faults: Vec<Fault> = flight::KEYS
             .iter()
             .filter(|k| !names.contains(k))
-            .map(|k| Fault::data(format!("a flight table needs a column `{k}`")).nearest(k, &names).in_column(k))
+            .map(|k| Fault::data(format!("a flight table requires a column `{k}`")).nearest(k, &names).in_column(k))
             .collect();
         for (i, name) in names.iter().enumerate() {
             if names[..i].contains(name) {
@@ -75,7 +75,7 @@ impl Canonical {
         self.cells(batch, false)
     }
 
-    /// As [`Canonical::apply`], with the zeros of scalar magnetometers kept, for whoever counts them.
+    /// [`Canonical::apply`] without the removal of zeros of scalar magnetometers, for callers that count them.
     ///
     /// # Errors
     /// A value that does not fit its column's type.
@@ -105,12 +105,12 @@ impl Canonical {
     }
 }
 
-/// What to do with one column, and the field it becomes.
+/// The conversion of one column, and the resulting field.
 fn step(source: &Field) -> Result<(Step, Field), Fault> {
     let name = source.name();
     let known = flight::describe(name);
     let kind = flattened(source.data_type());
-    // A name that the contract does not know may say its own role.
+    // The role in the metadata applies to columns without a fixed name.
     let said = describe_field(source).role;
     let own_role = matches!(said, Role::Truth | Role::Sensor).then_some(said).filter(|_| known.description.is_empty());
     let as_field = |t: DataType, unit: &str, role: Role| {
@@ -128,7 +128,7 @@ fn step(source: &Field) -> Result<(Step, Field), Fault> {
         let factor = unit_factor(name, given, &known)?;
         if !kind.is_numeric() && kind != DataType::Null {
             let what = format!("must be numbers in {}, not {kind}", known.unit);
-            return Err(Fault::data(what).in_column(name).help("convert the column before, or rename it"));
+            return Err(Fault::data(what).in_column(name).help("convert the column, or rename it with `rename`"));
         }
         let step = if flight::is_scalar_reading(name) { Step::Scalar(factor) } else { Step::Number(factor) };
         return Ok((step, as_field(DataType::Float64, known.unit, known.role)));
@@ -148,8 +148,8 @@ fn unit_factor(name: &str, given: &str, known: &Described) -> Result<f64, Fault>
         return Ok(1.0);
     }
     convert(given, known.unit).ok_or_else(|| {
-        let what = format!("is in `{given}`, which does not convert to {}", known.unit);
-        Fault::data(what).in_column(name).help("say the unit that the values have in the table's `units`")
+        let what = format!("has the unit `{given}`, which does not convert to {}", known.unit);
+        Fault::data(what).in_column(name).help("set the true unit of the column in the table's `units`")
     })
 }
 
@@ -212,7 +212,7 @@ pub fn check_time(tt: &[f64]) -> Result<(), Fault> {
             return row(i, format!("duplicate time {t} s"));
         }
         if i > 0 && *t < tt[i - 1] {
-            return row(i, format!("time goes back from {} s to {t} s", tt[i - 1]));
+            return row(i, format!("time decreases from {} s to {t} s", tt[i - 1]));
         }
     }
     Ok(())
@@ -283,11 +283,11 @@ mod tests {
         assert_eq!(
             said,
             [
-                "column `line`: a flight table needs a column `line` (did you mean `lines`?)",
-                "column `tt`: a flight table needs a column `tt` (known here: flight, lines, lat, mag_2_uc)",
-                "column `lat`: must be numbers in deg, not Utf8 (convert the column before, or rename it)",
-                "column `mag_2_uc`: is in `V`, which does not convert to nT \
-                 (say the unit that the values have in the table's `units`)",
+                "column `line`: a flight table requires a column `line` (did you mean `lines`?)",
+                "column `tt`: a flight table requires a column `tt` (known here: flight, lines, lat, mag_2_uc)",
+                "column `lat`: must be numbers in deg, not Utf8 (convert the column, or rename it with `rename`)",
+                "column `mag_2_uc`: has the unit `V`, which does not convert to nT \
+                 (set the true unit of the column in the table's `units`)",
             ]
         );
     }

@@ -1,4 +1,4 @@
-//! Columns: what a table holds, in which unit, and who may use it.
+//! Columns: type, unit, role and description.
 
 use std::{collections::HashMap, fmt};
 
@@ -6,25 +6,25 @@ use arrow_schema::{DataType, Field, Schema};
 
 use crate::{Correction, Fault, Removed, Sampling, removed};
 
-/// What a column may be used for.
+/// Permitted use of a column.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Role {
     /// Names a flight, a line or a sweep point.
     Key,
     /// Time of the sample.
     Time,
-    /// What a flight in earnest would not have: a target or reference, never a feature.
+    /// Truth that an operational flight does not have: a target or reference, never a feature.
     Truth,
-    /// What the aircraft measures.
+    /// Measurement on the aircraft.
     Sensor,
-    /// Anything beside.
+    /// Any other column.
     Aux,
     /// Made by a stage.
     Derived,
 }
 
 impl Role {
-    /// The word that stands in the field metadata.
+    /// The word in the field metadata.
     pub fn as_str(self) -> &'static str {
         match self {
             Role::Key => "key",
@@ -43,14 +43,14 @@ impl Role {
     }
 }
 
-/// Unit, role and meaning of a column that the contract knows by name.
+/// Unit, role and meaning of a column with a fixed name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Described {
-    /// Canonical unit; empty where the contract has none.
+    /// Canonical unit; empty for none.
     pub unit: &'static str,
-    /// What it may be used for.
+    /// Permitted use.
     pub role: Role,
-    /// What it is.
+    /// Meaning.
     pub description: &'static str,
 }
 
@@ -61,10 +61,10 @@ pub fn field(name: &str, data_type: DataType, unit: &str, role: Role, descriptio
     Field::new(name, data_type, true).with_metadata(metadata)
 }
 
-/// The type of a column's values, as far as stages care.
+/// The type of a column's values, as stages distinguish them.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ColumnType {
-    /// Float64; NaN stands for missing.
+    /// Float64; NaN means missing.
     Float,
     /// A fixed-size list of Float64 with named entries.
     List(Vec<String>),
@@ -89,7 +89,7 @@ impl ColumnType {
     }
 }
 
-/// One column of a table in the plan: its name, type, unit, role, and what it was made from.
+/// One column of a table in the plan: its name, type, unit, role, and lineage.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Column {
     /// The name.
@@ -98,9 +98,9 @@ pub struct Column {
     pub column_type: ColumnType,
     /// The unit; empty for none.
     pub unit: String,
-    /// What it may be used for.
+    /// Permitted use.
     pub role: Role,
-    /// What it is.
+    /// Meaning.
     pub doc: String,
     /// The columns it was made from: (position of the input, column name).
     pub from: Vec<(usize, String)>,
@@ -139,32 +139,32 @@ impl Column {
         Self { column_type: ColumnType::Other(DataType::Int64), ..Self::float(name, unit, doc) }
     }
 
-    /// A derived fixed-size list of Float64, its entries named by `terms`. Names such as `xx_dot` and `a_lag_3` say which
-    /// of them depend on the sample rate; [`Column::sampling`] may say otherwise.
+    /// A derived fixed-size list of Float64 with the entries `terms`. Names such as `xx_dot` and `a_lag_3` mark entries
+    /// that depend on the sample rate; [`Column::sampling`] can override them.
     pub fn list(name: impl Into<String>, unit: impl Into<String>, doc: impl Into<String>, terms: Vec<String>) -> Self {
         let sampling = Sampling::of_names(&terms);
         Self { column_type: ColumnType::List(terms), sampling, ..Self::float(name, unit, doc) }
     }
 
-    /// Says what it was made from: columns of the input at position `input`.
+    /// Adds lineage: columns of the input at position `input`.
     pub fn from<S: AsRef<str>>(mut self, input: usize, columns: &[S]) -> Self {
         self.from.extend(columns.iter().map(|c| (input, c.as_ref().to_owned())));
         self
     }
 
-    /// Gives it another role.
+    /// Sets the role.
     pub fn role(mut self, role: Role) -> Self {
         self.role = role;
         self
     }
 
-    /// Says which corrections it has had.
+    /// Sets the corrections that were applied.
     pub fn without(mut self, removed: Removed) -> Self {
         self.removed = removed;
         self
     }
 
-    /// The Arrow field, with `terms`, `per_sample` and `rate_hz` in the metadata of a list, and `removed` where something was.
+    /// The Arrow field, with `terms`, `per_sample` and `rate_hz` in the metadata of a list, and `removed` if not empty.
     pub fn field(&self) -> Field {
         let plain = field(&self.name, self.column_type.data_type(), &self.unit, self.role, &self.doc);
         let mut metadata = plain.metadata().clone();
@@ -211,17 +211,17 @@ impl fmt::Display for Column {
     }
 }
 
-/// The columns on one edge of the plan, and what is known of its sampling.
+/// The columns on one edge of the plan, and the sample rate if known.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Shape {
-    /// In the table's order.
+    /// The columns in the table's order.
     pub columns: Vec<Column>,
-    /// Samples per second, where an upstream stage made the sampling even.
+    /// Samples per second, if an upstream stage made the sampling even.
     pub rate_hz: Option<f64>,
 }
 
 impl Shape {
-    /// Of a table as Arrow describes it, whose rate is not known.
+    /// The shape of a table with an Arrow schema, at an unknown rate.
     pub fn of(schema: &Schema) -> Shape {
         Shape { columns: schema.fields().iter().map(|field| describe_field(field)).collect(), rate_hz: None }
     }
@@ -231,10 +231,10 @@ impl Shape {
         self.columns.iter().find(|c| c.name == name)
     }
 
-    /// The column `name`, or what to tell the user.
+    /// The column `name`, or a fault for the user.
     ///
     /// # Errors
-    /// When there is no such column; the fault suggests the nearest.
+    /// If there is no such column; the fault suggests the nearest.
     pub fn need(&self, name: &str) -> Result<&Column, Fault> {
         self.get(name).ok_or_else(|| {
             let have: Vec<&str> = self.columns.iter().map(|c| c.name.as_str()).collect();
@@ -242,15 +242,15 @@ impl Shape {
         })
     }
 
-    /// The Float64 column `name` in `unit`, or what to tell the user.
+    /// The Float64 column `name` in `unit`, or a fault for the user.
     ///
     /// # Errors
-    /// When it is missing, not of numbers, or in another unit.
+    /// If it is missing, not numeric, or in another unit.
     pub fn number(&self, name: &str, unit: &str) -> Result<&Column, Fault> {
         let column = self.need(name)?;
         if column.column_type != ColumnType::Float {
             let kind = column.column_type.data_type();
-            return Err(Fault::new(format!("column `{name}` holds {kind}, but numbers are needed")));
+            return Err(Fault::new(format!("column `{name}` must be Float64, not {kind}")));
         }
         if !column.unit.is_empty() && column.unit != unit {
             let have = &column.unit;

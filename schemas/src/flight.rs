@@ -28,13 +28,16 @@ pub const COLUMNS: &[(&str, Described)] = &[
     ("roll", d("deg", Role::Truth, "roll, right wing down positive")),
     ("pitch", d("deg", Role::Truth, "pitch, nose up positive")),
     ("yaw", d("deg", Role::Truth, "yaw, clockwise from true north")),
-    ("roll_rate", d("deg/s", Role::Aux, "rate of turn about the nose axis, against north-east-down")),
-    ("pitch_rate", d("deg/s", Role::Aux, "rate of turn about the right-wing axis, against north-east-down")),
-    ("yaw_rate", d("deg/s", Role::Aux, "rate of turn about the down axis, against north-east-down")),
+    ("roll_rate", d("deg/s", Role::Aux, "angular rate of the body relative to north-east-down, about the nose axis")),
+    (
+        "pitch_rate",
+        d("deg/s", Role::Aux, "angular rate of the body relative to north-east-down, about the right-wing axis"),
+    ),
+    ("yaw_rate", d("deg/s", Role::Aux, "angular rate of the body relative to north-east-down, about the down axis")),
     ("msl", d("m", Role::Aux, "height above mean sea level")),
     ("baro", d("m", Role::Aux, "barometric altitude")),
     ("radar", d("m", Role::Aux, "radar altitude above ground")),
-    ("topo", d("m", Role::Aux, "ground height from radar and GNSS")),
+    ("topo", d("m", Role::Aux, "ground height from radar altitude and GNSS")),
     ("dem", d("m", Role::Aux, "ground height from an elevation model")),
     ("drape", d("m", Role::Aux, "planned drape surface")),
     ("ins_lat", d("deg", Role::Sensor, "INS latitude")),
@@ -52,13 +55,16 @@ pub const COLUMNS: &[(&str, Described)] = &[
     ("ins_aligned", d("s", Role::Aux, "time of the last alignment of the INS, seconds past midnight UTC")),
     ("diurnal", d("nT", Role::Sensor, "temporal variation of the earth's field")),
     ("igrf", d("nT", Role::Sensor, "core-field magnitude")),
-    ("anomaly_truth", d("nT", Role::Truth, "what the crust adds to the core-field magnitude")),
+    (
+        "anomaly_truth",
+        d("nT", Role::Truth, "total field anomaly: change of the core-field magnitude by the crustal field"),
+    ),
     ("mag_1_c", d("nT", Role::Truth, "compensated tail-stinger magnetometer")),
     ("mag_1_lag", d("nT", Role::Truth, "compensated tail stinger, lag-corrected")),
-    ("mag_1_dc", d("nT", Role::Truth, "compensated tail stinger, less the diurnal variation")),
-    ("mag_1_igrf", d("nT", Role::Truth, "compensated tail stinger, less diurnal and core field")),
+    ("mag_1_dc", d("nT", Role::Truth, "compensated tail stinger minus diurnal variation")),
+    ("mag_1_igrf", d("nT", Role::Truth, "compensated tail stinger minus diurnal variation and core field")),
     ("year", d("", Role::Aux, "calendar year, UTC")),
-    ("doy", d("", Role::Aux, "day of the year, 1 January is 1, UTC")),
+    ("doy", d("", Role::Aux, "day of the year, UTC; 1 January is 1")),
 ];
 
 /// Unit, role and meaning of the column `name` of a flight table; unknown columns are auxiliary, without unit.
@@ -97,7 +103,7 @@ pub fn is_compensated(name: &str) -> bool {
     magnetometer(name, "_c").is_some()
 }
 
-/// The vector magnetometer that the column `name` is a part of, and which: `x`, `y`, `z`, or `t` for the magnitude.
+/// The vector magnetometer of the column `name`, and the part: `x`, `y`, `z`, or `t` for the magnitude.
 pub fn vector_part(name: &str) -> Option<(&str, char)> {
     let (vector, part) = name.rsplit_once('_')?;
     let letter = match part {

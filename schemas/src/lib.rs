@@ -1,6 +1,6 @@
 //! The contract of magline: columns, units, roles, parameters, faults and the stage declaration.
 //!
-//! Everything else depends on this crate; it knows Arrow types and TOML spans, and nothing of files, plans or
+//! All other crates depend on this one. It uses Arrow types and TOML spans, but no files, plans or
 //! numerics.
 
 pub mod canonical;

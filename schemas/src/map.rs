@@ -1,11 +1,11 @@
-//! The map table: a regular grid, one row per cell, sorted by latitude then longitude.
+//! The map table: a regular grid, one row per node, sorted by latitude then longitude.
 //!
-//! A map in another coordinate system goes to the stages on its own grid, so that it is interpolated between the values
-//! it has: the same table with northing and easting in the place of latitude and longitude, which say in the metadata
-//! of their fields what they are.
+//! Stages read a map in another coordinate system on its native grid, so that they interpolate between its values. The
+//! table then has northing and easting instead of latitude and longitude; field metadata describe the coordinate
+//! system.
 //!
-//! A map that a stage yields has both, and the code of its coordinate system, in columns ([`made_columns`]): the rows
-//! of one table can then be maps in several systems, such as those of the points of a sweep.
+//! A map that a stage yields has both, and the code of its coordinate system, in columns ([`made_columns`]). One table
+//! can then hold maps in several systems, such as those of the points of a sweep.
 
 use arrow_schema::{DataType, Field, Schema};
 
@@ -16,18 +16,18 @@ pub const VERSION: u32 = 1;
 
 /// Its columns: name, unit and meaning.
 pub const COLUMNS: [(&str, Described); 4] = [
-    ("lat", Described { unit: "deg", role: Role::Key, description: "latitude of the cell's centre, WGS-84" }),
-    ("lon", Described { unit: "deg", role: Role::Key, description: "longitude of the cell's centre, WGS-84" }),
+    ("lat", Described { unit: "deg", role: Role::Key, description: "latitude of the node, WGS-84" }),
+    ("lon", Described { unit: "deg", role: Role::Key, description: "longitude of the node, WGS-84" }),
     ("alt", Described { unit: "m", role: Role::Aux, description: "height above the WGS-84 ellipsoid" }),
-    ("anomaly", Described { unit: "nT", role: Role::Aux, description: "magnetic anomaly; NaN where unknown" }),
+    ("anomaly", Described { unit: "nT", role: Role::Aux, description: "total field anomaly; NaN where unknown" }),
 ];
 
-/// The column of a map with one sigma of the error of each node, in nT, where its maker gives one.
+/// The column of a map with the standard deviation of the error of each node, in nT, if the source of the map gives it.
 pub const ERROR: &str = "error";
 
 /// [`ERROR`] as a column.
 pub fn error_column() -> Column {
-    Column::float(ERROR, ANOMALY_UNIT, "error to be expected of the anomaly")
+    Column::float(ERROR, ANOMALY_UNIT, "standard deviation of the anomaly's error")
 }
 
 /// The shape of every map.
@@ -43,32 +43,31 @@ pub fn shape_with_error() -> Shape {
     shape
 }
 
-/// The columns of a map that a stage yields, in their order, beside those that the stage adds.
+/// The columns of a map that a stage yields, in their order, without those that the stage adds.
 pub const MADE_COLUMNS: [&str; 7] = ["lat", "lon", "alt", "anomaly", "easting", "northing", "epsg"];
 
 /// The unit of the anomaly.
 pub const ANOMALY_UNIT: &str = "nT";
 
-/// The columns of a map that a stage yields, row by row from the south and each row from west to east: [`COLUMNS`],
-/// then the node on the map's own grid. `easting` and `northing` are in the unit of the coordinate system `epsg`; both
-/// are null in a map whose rows and columns are latitudes and longitudes. The anomaly of a derivative has another unit
-/// than nT.
+/// The columns of a map that a stage yields, row by row from the south, each row from west to east: [`COLUMNS`], then
+/// the node on the native grid. `easting` and `northing` are in the unit of the coordinate system `epsg`; both are null
+/// for a map in latitude and longitude. The unit of a derivative is not nT.
 pub fn made_columns(unit: &str) -> Vec<Column> {
     let mut columns = shape().columns;
     for column in columns.iter_mut().filter(|c| c.name == "anomaly") {
         if unit != ANOMALY_UNIT {
-            column.doc = "derivative of the magnetic anomaly; NaN where unknown".to_owned();
+            column.doc = "derivative of the total field anomaly; NaN where unknown".to_owned();
         }
         column.unit = unit.to_owned();
     }
     let own = |name: &str, doc: &str| Column::float(name, "", doc).role(Role::Key);
-    columns.push(own("easting", "easting in the map's coordinate system; null where that is latitude and longitude"));
-    columns.push(own("northing", "northing in the map's coordinate system; null where that is latitude and longitude"));
+    columns.push(own("easting", "easting in the map's coordinate system; null for a map in latitude and longitude"));
+    columns.push(own("northing", "northing in the map's coordinate system; null for a map in latitude and longitude"));
     columns.push(Column::integer("epsg", "", "EPSG code of the map's coordinate system").role(Role::Key));
     columns
 }
 
-/// What a stage yields that makes a map of the columns `reads` of each of its inputs; `unit` is that of its values.
+/// The yield of a stage that makes a map from the columns `reads` of each of its inputs, with values in `unit`.
 pub fn yields(unit: &str, reads: Vec<Vec<String>>) -> Yield {
     let among = |names: &[String], wanted: &[&str]| -> Vec<String> {
         names.iter().filter(|n| wanted.contains(&n.as_str())).cloned().collect()
@@ -91,21 +90,21 @@ pub fn yields(unit: &str, reads: Vec<Vec<String>>) -> Yield {
     }
 }
 
-/// The columns of a map on the grid of its own coordinate system, in the unit of that system.
+/// The columns of a map on its native grid, in the unit of its coordinate system.
 pub const OWN_COLUMNS: [&str; 4] = ["northing", "easting", "alt", "anomaly"];
 
-/// What the fields `northing` and `easting` of a map on its own grid say beside unit, role and description.
+/// Metadata of the fields `northing` and `easting` of a map on its native grid, besides unit, role and description.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OwnGrid {
     /// The EPSG code of the coordinate system.
     pub epsg: u16,
-    /// Its definition in PROJ's words.
+    /// Its definition as a PROJ string.
     pub definition: String,
-    /// Metres to a unit of easting and of northing.
+    /// Metres per unit of easting and of northing.
     pub unit_m: [f64; 2],
-    /// The southern and the northern edge of an area that holds the map, in WGS-84 degrees.
+    /// Southern and northern edges of an area that contains the map, in WGS-84 degrees.
     pub lat_deg: [f64; 2],
-    /// Its western and its eastern edge; it may go on beyond 180.
+    /// Its western and eastern edges; they may exceed 180.
     pub lon_deg: [f64; 2],
 }
 
@@ -113,12 +112,12 @@ impl OwnGrid {
     /// The fields of the table.
     pub fn fields(&self) -> Vec<Field> {
         let of = |name: &str, unit: &str, text: &str| field(name, DataType::Float64, unit, Role::Key, text);
-        let places = ["northing of the cell's centre", "easting of the cell's centre"];
+        let places = ["northing of the node", "easting of the node"];
         let mut fields: Vec<Field> = OWN_COLUMNS.iter().zip(places).map(|(name, text)| of(name, "", text)).collect();
         for (field, (unit_m, ends)) in
             fields.iter_mut().zip([(self.unit_m[1], self.lat_deg), (self.unit_m[0], self.lon_deg)])
         {
-            // Numbers are written so that they are read back to the last bit.
+            // Numbers are written such that reading them restores every bit.
             let more = [
                 ("epsg", self.epsg.to_string()),
                 ("definition", self.definition.clone()),
@@ -134,29 +133,33 @@ impl OwnGrid {
         fields
     }
 
-    /// What a map's table says of its own grid; `None` for a map in latitude and longitude.
+    /// The native grid in a map's table; `None` for a map in latitude and longitude.
     ///
     /// # Errors
-    /// A table that says it in part, or not in numbers.
+    /// Fails for incomplete or non-numeric metadata.
     pub fn of(schema: &Schema) -> Result<Option<OwnGrid>, Fault> {
         let [Ok(northing), Ok(easting)] = ["northing", "easting"].map(|name| schema.field_with_name(name)) else {
             return Ok(None);
         };
         let text = |field: &Field, key: &str| {
-            let wrong = || Fault::machine(format!("the map does not say its `{key}`")).in_column(field.name());
+            let wrong = || Fault::machine(format!("the map's metadata lack `{key}`")).in_column(field.name());
             field.metadata().get(key).cloned().ok_or_else(wrong)
         };
         let number = |field: &Field, key: &str| {
             let value: String = text(field, key)?;
-            let wrong =
-                || Fault::machine(format!("`{value}` of the map's `{key}` is not a number")).in_column(field.name());
+            let wrong = || {
+                Fault::machine(format!("`{key}` in the map's metadata must be a number, not `{value}`"))
+                    .in_column(field.name())
+            };
             value.parse::<f64>().map_err(|_| wrong())
         };
         let ends =
             |field: &Field| -> Result<[f64; 2], Fault> { Ok([number(field, "from_deg")?, number(field, "to_deg")?]) };
         let code = text(northing, "epsg")?;
         Ok(Some(OwnGrid {
-            epsg: code.parse().map_err(|_| Fault::machine(format!("`{code}` is no EPSG code")))?,
+            epsg: code.parse().map_err(|_| {
+                Fault::machine(format!("`epsg` in the map's metadata must be an EPSG code, not `{code}`"))
+            })?,
             definition: text(northing, "definition")?,
             unit_m: [number(easting, "unit_m")?, number(northing, "unit_m")?],
             lat_deg: ends(northing)?,

@@ -1,7 +1,7 @@
-//! The declaration of a metric: what a stage that scores says of a line, and what is made of it afterwards.
+//! The declaration of a metric: a score of one line, and its pooling and display.
 //!
-//! Pooling over lines, the columns of a table of scores, the ranking of a sweep, its heat maps and the reference are all
-//! derived from it.
+//! Pooling over lines, the columns of a table of scores, the ranking of a sweep, its heat maps and the reference are
+//! all derived from it.
 
 /// One metric.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -10,17 +10,17 @@ pub struct Metric {
     pub name: &'static str,
     /// The unit of its values.
     pub unit: &'static str,
-    /// What it is, in a sentence without its full stop.
+    /// Meaning, as a sentence without a full stop.
     pub meaning: &'static str,
-    /// How the values of several lines become one.
+    /// Pooling rule over lines.
     pub pool: Pool,
-    /// Which values are good.
+    /// Preferred values.
     pub better: Better,
-    /// Where it is shown beside the table of scores itself.
+    /// Places where it is shown, in addition to the table of scores.
     pub shown: Shown,
 }
 
-/// How the values of several lines become one.
+/// Pooling rule over lines.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Pool {
     /// Root mean square weighted by samples: errors.
@@ -42,8 +42,8 @@ pub struct Weighed<'a> {
     pub value: f64,
     /// The weight: samples or pairs behind the value.
     pub n: f64,
-    /// For [`Pool::Quantile`]: values that stand for the samples, sorted, each for the same share of them; see
-    /// [`spread`]. Empty for other rules.
+    /// For [`Pool::Quantile`]: sorted values, each of which represents an equal share of the samples; see [`spread`].
+    /// Empty for other rules.
     pub spread: &'a [f64],
 }
 
@@ -57,7 +57,7 @@ impl From<(f64, f64)> for Weighed<'_> {
 /// The most values of a [`spread`].
 pub const SPREAD: usize = 100;
 
-/// The least number of samples that each value of a [`spread`] stands for, so that it shows no single sample.
+/// The minimum number of samples that a value of a [`spread`] represents, so that it discloses no single sample.
 pub const SHARE: usize = 10;
 
 /// Quantiles that represent sorted samples: the middles of equal shares of them, at most [`SPREAD`], each of at least
@@ -66,7 +66,7 @@ pub fn spread(sorted: &[f64]) -> Vec<f64> {
     let Some(last) = sorted.len().checked_sub(1) else { return vec![] };
     let shares = (sorted.len() / SHARE).clamp(1, SPREAD);
     let middle = |share: usize| {
-        // The rank of the share's middle; the first sample, at rank 0, stands for -0.5 to 0.5.
+        // The rank of the share's middle; the first sample, at rank 0, covers -0.5 to 0.5.
         let at = (share as f64 + 0.5) / shares as f64 * sorted.len() as f64 - 0.5;
         between(at, |i| sorted[i.min(last)])
     };
@@ -127,7 +127,7 @@ fn quantile_of_all(part: f64, lines: &[Weighed]) -> f64 {
     if lines.iter().any(|line| line.spread.is_empty()) {
         return f64::NAN;
     }
-    // Each value with the number of samples that it stands for.
+    // Each value with the number of samples that it represents.
     let weighed = |line: &&Weighed| {
         let weight = line.n / line.spread.len() as f64;
         line.spread.iter().map(move |x| (*x, weight)).collect::<Vec<_>>()
@@ -138,7 +138,7 @@ fn quantile_of_all(part: f64, lines: &[Weighed]) -> f64 {
     let wanted = part * (total - 1.0);
     let (mut below, mut before): (f64, Option<(f64, f64)>) = (0.0, None);
     for (value, weight) in all {
-        // The rank of the middle sample of those that the value stands for.
+        // The rank of the middle sample of those that the value represents.
         let rank = below + (weight - 1.0) / 2.0;
         if rank >= wanted {
             return match before {
@@ -152,7 +152,7 @@ fn quantile_of_all(part: f64, lines: &[Weighed]) -> f64 {
     before.map_or(f64::NAN, |(value, _)| value)
 }
 
-/// Which values of a metric are good.
+/// Preferred values of a metric.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Better {
     /// Small ones.
@@ -161,12 +161,12 @@ pub enum Better {
     Higher,
     /// Those near a target, by ratio.
     Near(f64),
-    /// It describes the data, not the answer.
+    /// No preference: the metric describes the data, not the result.
     Neither,
 }
 
 impl Better {
-    /// A cost that is smaller for the better of two values; `None` where there is no better.
+    /// A cost that is smaller for the better of two values; `None` without a preference.
     pub fn cost(self, value: f64) -> Option<f64> {
         let cost = match self {
             Better::Lower => value,
@@ -177,7 +177,7 @@ impl Better {
         cost.is_finite().then_some(cost)
     }
 
-    /// Which values are good, in words; empty for [`Better::Neither`].
+    /// The preferred values in words; empty for [`Better::Neither`].
     pub fn words(self) -> String {
         match self {
             Better::Lower => "smaller".to_owned(),
@@ -188,35 +188,35 @@ impl Better {
     }
 }
 
-/// Where a metric is shown. Places count in tens, so that there is room between two for another one.
+/// Places where a metric is shown. Positions are multiples of ten, which leaves room for new ones.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shown {
-    /// Its place among the columns of pooled scores, from the left; `None` for a metric that is none.
+    /// Position among the columns of pooled scores, from the left; `None` if it is not shown there.
     pub column: Option<u16>,
-    /// Where a terminal is too narrow for all columns, those of least weight give way first.
+    /// Weight of the column. On a narrow terminal, columns of least weight are omitted first.
     pub weight: u16,
-    /// Its place among the metrics that rank the points of a sweep, the most telling first: the first that has a value
-    /// does. `None` for a metric that never does.
+    /// Position among the metrics that rank the points of a sweep; the first metric that has a value ranks. `None` for
+    /// a metric that never ranks.
     pub rank: Option<u16>,
-    /// Whether it is drawn over two axes of a sweep.
+    /// Whether a heat map over two axes of a sweep is drawn.
     pub heat_map: bool,
 }
 
 impl Shown {
-    /// In the table of scores only.
+    /// Only the table of scores.
     pub const NOWHERE: Self = Self { column: None, weight: 0, rank: None, heat_map: false };
 
-    /// As a column of the pooled scores.
+    /// Adds a column of the pooled scores.
     pub const fn column(place: u16, weight: u16) -> Self {
         Self { column: Some(place), weight, ..Self::NOWHERE }
     }
 
-    /// And as what ranks the points of a sweep.
+    /// Adds the ranking of the points of a sweep.
     pub const fn rank(self, place: u16) -> Self {
         Self { rank: Some(place), ..self }
     }
 
-    /// And over two axes of a sweep.
+    /// Adds the heat map over two axes of a sweep.
     pub const fn heat_map(self) -> Self {
         Self { heat_map: true, ..self }
     }

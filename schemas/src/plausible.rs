@@ -1,17 +1,17 @@
-//! What a column of a flight can hold: the limits of each role in its canonical unit, and what a value outside them
-//! probably is.
+//! Physically possible values of the columns of a flight: limits in the canonical unit, and the probable cause of a
+//! value outside them.
 
 use crate::{choice, convert, flight};
 
 choice! {
-    /// What a table of flights accepts although it looks impossible.
+    /// Plausibility checks that a table of flights can disable.
     pub enum Accept {
-        /// Values outside the limits of their column's role, and columns that contradict each other.
+        /// Accepts values outside the limits of their column, and columns that contradict each other.
         Range = "range",
     }
 }
 
-/// What a column measures, as far as its limits depend on it.
+/// Quantity that a column measures, which determines its limits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     /// Seconds past midnight.
@@ -20,9 +20,9 @@ pub enum Kind {
     Latitude,
     /// Longitude, to the east.
     Longitude,
-    /// Height of an aircraft, above whatever reference.
+    /// Height of an aircraft, above any reference.
     Height,
-    /// Height of the ground or above it.
+    /// Height of the ground or above the ground.
     Ground,
     /// Component of a velocity.
     Speed,
@@ -32,13 +32,13 @@ pub enum Kind {
     Rate,
     /// Component of a specific force.
     SpecificForce,
-    /// Magnitude of the earth's field, as a scalar magnetometer reads it.
+    /// Total field, as a scalar magnetometer reads it.
     TotalField,
     /// Magnitude of a vector magnetometer, which may have offsets and scale errors.
     VectorField,
     /// Component of a vector magnetometer.
     FieldComponent,
-    /// Anomaly: a reading less the core field.
+    /// Anomaly: a reading minus the core field.
     Anomaly,
     /// Temporal variation of the field.
     Variation,
@@ -48,30 +48,30 @@ pub enum Kind {
     Day,
 }
 
-/// What is done with a few values outside the limits.
+/// Treatment of a few values outside the limits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Outlier {
-    /// The line is not used: a position, an attitude or a date cannot be wrong now and then without a cause.
+    /// Rejects the line: occasional errors of a position, an attitude or a date have a systematic cause.
     Fault,
-    /// They are missing values: sensors have spikes and dropouts.
+    /// Treats them as missing values: sensors have spikes and dropouts.
     Missing,
 }
 
 /// The values that a column can have.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits {
-    /// What it measures.
+    /// Quantity that the column measures.
     pub kind: Kind,
-    /// The least value, in the canonical unit.
+    /// Minimum, in the canonical unit.
     pub low: f64,
-    /// The largest value, in the canonical unit.
+    /// Maximum, in the canonical unit.
     pub high: f64,
-    /// What is done with a few values outside.
+    /// Treatment of a few values outside.
     pub outlier: Outlier,
 }
 
 impl Limits {
-    /// Whether a finite value lies within, with some room for rounding (a yaw of π in single precision is 180.000005
+    /// Whether a finite value lies within, with a tolerance for rounding (a yaw of π in single precision is 180.000005
     /// degrees).
     pub fn holds(&self, x: f64) -> bool {
         let room = 1e-6 * (self.high - self.low);
@@ -87,7 +87,7 @@ impl Kind {
             Kind::Latitude => "a latitude",
             Kind::Longitude => "a longitude",
             Kind::Height => "a height of an aircraft",
-            Kind::Ground => "a height of the ground or above it",
+            Kind::Ground => "a height of the ground or above the ground",
             Kind::Speed => "a velocity of an aircraft",
             Kind::Angle => "an attitude angle",
             Kind::Rate => "an angular rate of an aircraft",
@@ -102,7 +102,7 @@ impl Kind {
         }
     }
 
-    /// Units that such a value is found in, the canonical one first.
+    /// Units in which such a value occurs, the canonical one first.
     fn units(self) -> &'static [&'static str] {
         match self {
             Kind::Time => &["s", "ms", "us", "ns"],
@@ -121,21 +121,23 @@ impl Kind {
     }
 }
 
-/// The magnitude of a vector magnetometer. Its limits are wide, as raw fluxgates have offsets and scale errors, and
-/// narrow enough for a factor of ten: the earth's field is 22,000 to 67,000 nT.
+/// The magnitude of a vector magnetometer. Its limits allow for the biases and scale errors of raw fluxgates, but
+/// detect a factor of ten: the earth's field is 22,000 to 67,000 nT.
 pub const VECTOR: Limits = Limits { kind: Kind::VectorField, low: 7_500.0, high: 150_000.0, outlier: Outlier::Missing };
 
 /// The total field that a scalar magnetometer reads.
 const TOTAL: Limits = Limits { kind: Kind::TotalField, low: 15_000.0, high: 80_000.0, outlier: Outlier::Missing };
 
-/// A reading without the core field, such as the aircraft's part of it alone.
+/// A reading without the core field, such as the aircraft field alone.
 const RESIDUAL: Limits = Limits { kind: Kind::Anomaly, low: -50_000.0, high: 50_000.0, outlier: Outlier::Missing };
 
-/// The anomaly of a map or a survey. Rocks make a few thousand nT at flying height, and no more than this except at the ground
-/// above iron ore; the weakest total field of the earth is 22,000 nT (IGRF-14, South Atlantic), so it is no anomaly.
+/// The anomaly of a map or a survey. Rocks cause a few thousand nT at flying height, and more than these limits only at
+/// the ground above iron ore. The weakest total field of the earth is 22,000 nT (IGRF-14, South Atlantic), above the
+/// limit.
 const CRUST: Limits = Limits { kind: Kind::Anomaly, low: -20_000.0, high: 20_000.0, outlier: Outlier::Fault };
 
-/// The limits of the values of a map or a survey, nT: those of a total field where most of them are one, else of an anomaly.
+/// The limits of the values of a map or a survey, nT: those of a total field if most values are one, else of an
+/// anomaly.
 pub fn survey(values: impl Iterator<Item = f64>) -> Limits {
     let (mut known, mut total) = (0_usize, 0_usize);
     for x in values.filter(|x| !x.is_nan()) {
@@ -145,13 +147,13 @@ pub fn survey(values: impl Iterator<Item = f64>) -> Limits {
     if 2 * total > known { Limits { outlier: Outlier::Fault, ..TOTAL } } else { CRUST }
 }
 
-/// The middle half of a residual field is wider than this part of its median, in a line of fewer samples than
-/// [`LONG_LINE`], or in a longer one. A total field is far from it in whatever unit: 1 per cent are 500 nT.
+/// Minimum interquartile range of a residual field as a fraction of its median, for lines of fewer samples than
+/// [`LONG_LINE`] and for longer ones. A total field is far below it in every unit: 1 % is 500 nT.
 const RESIDUAL_SPREAD: (f64, f64) = (0.03, 0.1);
 const LONG_LINE: usize = 1_000;
 
-/// The limits of the residual field, where `values` of a column that should hold a total field are one: hardly any of them
-/// is a total field, and they are negative or vary too much to be one in another unit.
+/// The limits of the residual field, if `values` of a column of total field are a residual field: few of them are a
+/// total field, and they are negative or vary too much for a total field in another unit.
 pub fn residual(limits: &Limits, values: &[f64]) -> Option<Limits> {
     if limits.kind != Kind::TotalField {
         return None;
@@ -169,7 +171,7 @@ pub fn residual(limits: &Limits, values: &[f64]) -> Option<Limits> {
     (RESIDUAL.holds(middle) && (middle < 0.0 || high - low > least * middle)).then_some(RESIDUAL)
 }
 
-/// The limits of the column `name` in its canonical unit; `None` where anything is possible.
+/// The limits of the column `name` in its canonical unit; `None` without limits.
 pub fn limits(name: &str) -> Option<Limits> {
     let fault = |kind, low, high| Some(Limits { kind, low, high, outlier: Outlier::Fault });
     let missing = |kind, low, high| Some(Limits { kind, low, high, outlier: Outlier::Missing });
@@ -200,7 +202,7 @@ pub fn limits(name: &str) -> Option<Limits> {
     }
 }
 
-/// What a value outside its limits probably is.
+/// Probable cause of a value outside its limits.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Likely {
     /// The same reading in another unit: the unit, and the value in the canonical one.
@@ -213,8 +215,8 @@ pub enum Likely {
     Unix(f64),
 }
 
-/// What `value`, which is outside `limits`, would be if it were not in `declared` (the unit that the file or the spec
-/// says; the canonical one where neither does).
+/// The probable cause of a `value` outside `limits` if its unit is not `declared` (the unit in the file or the spec;
+/// without one, the canonical unit).
 pub fn likely(limits: &Limits, value: f64, declared: &str) -> Option<Likely> {
     let canonical = *limits.kind.units().first()?;
     let declared = if declared.is_empty() { canonical } else { declared };
@@ -223,7 +225,7 @@ pub fn likely(limits: &Limits, value: f64, declared: &str) -> Option<Likely> {
         let factor = convert(unit, canonical)?;
         let other = convert(declared, canonical) != Some(factor);
         let value = reading * factor;
-        // A kilometre about the origin: a small unit makes any number fit there.
+        // Within 1 km of the origin, any number fits in a small unit.
         let origin = matches!(limits.kind, Kind::Latitude | Kind::Longitude) && value.abs() < 0.01;
         (other && !origin && limits.holds(value)).then_some((*unit, value))
     };
@@ -231,7 +233,7 @@ pub fn likely(limits: &Limits, value: f64, declared: &str) -> Option<Likely> {
     let (first, second) = (fitting.next(), fitting.next());
     let unit = first.map(|(unit, value)| Likely::Unit(unit, value));
     match limits.kind {
-        // The time of day has room for small units, of which the largest is meant.
+        // Several small units fit a time of day; the largest is the most likely.
         Kind::Time => seconds(reading).or(unit),
         Kind::Latitude | Kind::Longitude => unit.or_else(|| degrees(limits, reading)),
         _ => unit.filter(|_| second.is_none()),
@@ -253,9 +255,9 @@ fn seconds(x: f64) -> Option<Likely> {
     (3.1e8..4.1e9).contains(&x).then_some(Likely::Unix(x % DAY))
 }
 
-/// A number as people write it: thousands apart, no more digits than it needs.
+/// A number for messages: with thousands separators and without superfluous digits.
 pub fn shown(x: f64) -> String {
-    // Six digits, or four behind the point, tell all that a message is for.
+    // Six digits, or four decimals, are enough for a message.
     let six = || format!("{x:.5e}").parse().unwrap_or(x);
     if x != 0.0 && !(1e-3..1e15).contains(&x.abs()) {
         return format!("{:e}", six());

@@ -1,4 +1,4 @@
-//! Corrections that a magnetic reading has had, so that none is made twice.
+//! Corrections applied to a magnetic reading, so that none is applied twice.
 
 use std::{
     collections::{BTreeSet, HashMap},
@@ -17,11 +17,11 @@ pub enum Correction {
     Core,
     /// The temporal variation was subtracted.
     Diurnal,
-    /// The sensor's lag was taken out.
+    /// The sensor's lag was removed.
     Lag,
     /// The heading error was subtracted.
     Heading,
-    /// The level of its line was adjusted to those of the others.
+    /// The line was levelled.
     Levelling,
 }
 
@@ -44,8 +44,8 @@ impl Correction {
         Self::ALL.into_iter().find(|c| c.word() == word)
     }
 
-    /// The correction that the subtraction of a column of this name makes: `igrf` is the core field, `diurnal` the temporal
-    /// variation.
+    /// The correction that the subtraction of a column of this name makes: `igrf` is the core field, `diurnal` the
+    /// temporal variation.
     pub fn by_column(name: &str) -> Option<Correction> {
         match name {
             "igrf" => Some(Correction::Core),
@@ -62,15 +62,16 @@ impl fmt::Display for Correction {
             Correction::Diurnal => "the diurnal variation",
             Correction::Lag => "the lag",
             Correction::Heading => "the heading error",
-            Correction::Levelling => "the level of the lines",
+            Correction::Levelling => "the levelling",
         })
     }
 }
 
-/// The corrections that a column has had.
+/// The corrections applied to a column.
 pub type Removed = BTreeSet<Correction>;
 
-/// Writes the corrections that the column `name` has had, and the one that its subtraction makes, to the metadata of its field.
+/// Writes the corrections applied to the column `name`, and the one that its subtraction makes, to its field's
+/// metadata.
 pub(crate) fn write(
     name: &str,
     removed: &Removed,
@@ -91,7 +92,7 @@ pub(crate) fn correction(name: &str, metadata: &HashMap<String, String>) -> Opti
     metadata.get(CORRECTION).and_then(|word| Correction::parse(word)).or_else(|| Correction::by_column(name))
 }
 
-/// The corrections in the metadata of a field; without any, those that the contract gives a column of this name.
+/// The corrections in the metadata of a field; without metadata, those defined for a column of this name.
 pub(crate) fn read(name: &str, metadata: &HashMap<String, String>) -> Removed {
     match metadata.get(REMOVED) {
         Some(words) => words.split(',').filter_map(Correction::parse).collect(),

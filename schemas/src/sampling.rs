@@ -1,11 +1,11 @@
 //! The dependence of list entries on the sample rate of their line.
 //!
-//! The terms of a model are differences per sample, so that their coefficients hold at one rate. A list column names such
-//! entries in its metadata, and every stage that applies a model at another rate converts them or refuses.
+//! The terms of a model are differences per sample, so their coefficients are valid at one rate. A list column names
+//! such entries in its metadata. A stage that applies a model at another rate converts them or reports an error.
 
 use std::collections::HashMap;
 
-/// Rates that differ by less than this part are one rate.
+/// Relative difference below which two rates are equal.
 const SAME_RATE: f64 = 1e-4;
 
 /// The metadata key that names the entries, such as `xx_dot:1,mag_4_uc_dot4:4,mag_4_uc_lag_3:lag`.
@@ -23,7 +23,7 @@ pub enum RateLaw {
 }
 
 impl RateLaw {
-    /// The law that a name implies: `x_dot` and `x_dot4` are differences, `x_lag_3` is an earlier sample.
+    /// The rate dependence that a name implies: `x_dot` and `x_dot4` are differences, `x_lag_3` is an earlier sample.
     fn of_name(name: &str) -> Option<RateLaw> {
         let lag = |(_, samples): (&str, &str)| samples.parse::<u32>().ok().map(|_| RateLaw::Lag);
         match name {
@@ -33,10 +33,10 @@ impl RateLaw {
         }
     }
 
-    /// The factor that turns an entry made at `from_hz` into the one at `to_hz`; `None` where there is none.
+    /// The factor that converts an entry made at `from_hz` to `to_hz`; `None` if there is none.
     ///
-    /// A difference of order p is the derivative times the time of a sample to the power p, to first order: of a central
-    /// difference at the frequency f, (2 pi f / rate)^2 / 6 of it is missing.
+    /// To first order, a difference of order p is the derivative times the sample interval to the power p. A central
+    /// difference at the frequency f is too small by the fraction (2 pi f / rate)^2 / 6.
     pub fn factor(self, from_hz: f64, to_hz: f64) -> Option<f64> {
         match self {
             _ if is_same_rate(from_hz, to_hz) => Some(1.0),
@@ -57,7 +57,7 @@ impl RateLaw {
     }
 }
 
-/// Whether two rates are the same but for the rounding of times.
+/// Whether two rates are equal within the rounding of times.
 pub fn is_same_rate(one_hz: f64, other_hz: f64) -> bool {
     (one_hz / other_hz - 1.0).abs() <= SAME_RATE
 }
@@ -65,25 +65,25 @@ pub fn is_same_rate(one_hz: f64, other_hz: f64) -> bool {
 /// The entries of a list column that depend on the sample rate.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Sampling {
-    /// The rate at which they were made, Hz; `None` where it differs between lines or is unknown before the run.
+    /// The rate at which they were made, Hz; `None` if it differs between lines or is unknown before the run.
     pub rate_hz: Option<f64>,
-    /// Each entry with its law; all others do not depend on the rate.
+    /// Each entry with its rate dependence; all others do not depend on the rate.
     pub entries: Vec<(String, RateLaw)>,
 }
 
 impl Sampling {
-    /// The laws that the names of entries imply.
+    /// The rate dependence that the names of entries imply.
     pub fn of_names(names: &[String]) -> Sampling {
         let law = |name: &String| Some((name.clone(), RateLaw::of_name(name)?));
         Sampling { rate_hz: None, entries: names.iter().filter_map(law).collect() }
     }
 
-    /// The law of an entry; `None` where it does not depend on the rate.
+    /// The rate dependence of an entry; `None` if there is none.
     pub fn law(&self, entry: &str) -> Option<RateLaw> {
         self.entries.iter().find(|(name, _)| name == entry).map(|(_, law)| *law)
     }
 
-    /// Writes itself to the metadata of a field with these entries.
+    /// Writes the sampling to the metadata of a field with these entries.
     pub(crate) fn write(&self, names: &[String], metadata: &mut HashMap<String, String>) {
         if *self == Sampling::default() && Sampling::of_names(names).entries.is_empty() {
             return;
@@ -93,7 +93,7 @@ impl Sampling {
         metadata.extend(self.rate_hz.map(|rate_hz| (RATE.to_owned(), rate_hz.to_string())));
     }
 
-    /// Reads the metadata of a field with these entries; without any, names decide.
+    /// Reads the metadata of a field with these entries; without metadata, the names decide.
     pub(crate) fn read(names: &[String], metadata: &HashMap<String, String>) -> Sampling {
         let rate_hz = metadata.get(RATE).and_then(|rate| rate.parse().ok()).filter(|rate: &f64| *rate > 0.0);
         let Some(listed) = metadata.get(PER_SAMPLE) else { return Sampling { rate_hz, ..Sampling::of_names(names) } };

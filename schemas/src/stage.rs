@@ -1,8 +1,8 @@
-//! The declaration of a stage, and what its author writes.
+//! The declaration of a stage, and the traits that its author implements.
 //!
-//! From one [`stage!`](crate::stage!) declaration derive: spec parsing and its messages, plan validation, `explain`,
-//! lineage, cache keys, column pruning, `magline stages` and the reference pages. Its author writes [`Stage`] and, by
-//! what the stage works on, [`LineStage`], [`SurveyStage`] or [`MapStage`]; a run works with [`AnyStage`].
+//! One [`stage!`](crate::stage!) declaration gives spec parsing and its messages, plan validation, `explain`, lineage,
+//! cache keys, column pruning, `magline stages` and the reference pages. The author implements [`Stage`] and, by grain,
+//! [`LineStage`], [`SurveyStage`] or [`MapStage`]; a run uses [`AnyStage`].
 
 mod entry;
 mod erased;
@@ -24,7 +24,7 @@ pub use self::{
 };
 use crate::{Fault, Params};
 
-/// What a stage is handed for one line: only what it declared.
+/// The input of a stage for one line: only the declared columns.
 #[derive(Clone)]
 pub struct LineIn {
     /// The flight identifier.
@@ -34,16 +34,16 @@ pub struct LineIn {
     /// The columns it reads, per input; models and maps are empty batches, since [`LineStage::prepare`] sees
     /// them.
     pub inputs: Vec<RecordBatch>,
-    /// The rows its `where` selects; all when there is none.
+    /// The rows that its `where` selects; all rows without a `where`.
     pub keep: Option<Vec<bool>>,
 }
 
-/// What a survey or map stage makes of all that it works on.
+/// The result of a survey or map stage.
 #[derive(Clone, Debug)]
 pub struct Product {
     /// Arrays for the columns of [`Stage::yields`], in that order.
     pub columns: Vec<ArrayRef>,
-    /// What is not to be trusted as it is, a sentence each: rows of the table `warnings`.
+    /// Warnings about untrustworthy results, one sentence each: rows of the table `warnings`.
     pub warnings: Vec<String>,
 }
 
@@ -53,40 +53,40 @@ impl From<Vec<ArrayRef>> for Product {
     }
 }
 
-/// What the author of every stage writes.
+/// The trait that every stage implements.
 pub trait Stage: Params + Any + Send + Sync {
     /// The columns it reads and makes, given the tables that reach it.
     ///
     /// # Errors
-    /// All that is wrong with the parameters or the tables, before anything runs.
+    /// Fails with all faults of the parameters or the tables, before anything runs.
     fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>>;
 
-    /// Why the parameter `key` has no effect beside the others, such as that it belongs to another model than the one that
-    /// is fitted; `None` where it has. What has no effect is left out of the key, so that points of a sweep which differ in
-    /// nothing else are computed once; given outright it is a fault.
+    /// Reason why the parameter `key` has no effect, such as a key of a model that is not fitted; `None` if it has an
+    /// effect. The key of a result omits such parameters, so that points of a sweep that differ in nothing else are
+    /// computed once. A spec that sets such a parameter explicitly is rejected.
     fn idle(&self, _key: &str) -> Option<Fault> {
         None
     }
 
-    /// How much work a sample is, in any unit that does not depend on the parameters: where some of them multiply it, such
-    /// as a number of particles, their product. `explain --cost` scales measured seconds by it.
+    /// Relative work per sample, in a unit that does not depend on the parameters: the product of parameters that
+    /// multiply the work, such as the number of particles. `explain --cost` scales measured seconds by it.
     fn effort(&self) -> f64 {
         1.0
     }
 
-    /// A word for the way in which the parameters have the work done, where it is work of another kind: a fit that leaves out
-    /// each line in turn. `explain --cost` prices it by itself. Empty where there is one way.
+    /// A word for the kind of work that the parameters select, such as leave-one-line-out fits. `explain --cost`
+    /// estimates each kind separately. Empty if there is only one kind.
     fn manner(&self) -> &'static str {
         ""
     }
 
-    /// Expressions in SQL that select or weight samples, each with the column that it makes; without a column it selects
-    /// rows. What is computed over such samples may be a single sample. Default: none.
+    /// SQL expressions that select or weight samples, each with the column that it makes; without a column it selects
+    /// rows. Results over such samples may disclose a single sample. Default: none.
     fn expressions(&self) -> Vec<(Option<&str>, &str)> {
         vec![]
     }
 
-    /// Whether the table of what it learns may contain single samples, as trees, kernels and networks do. Default: false.
+    /// Whether the model table may contain single samples, as for trees, kernels and networks. Default: false.
     fn memorises(&self) -> bool {
         false
     }
@@ -94,17 +94,17 @@ pub trait Stage: Params + Any + Send + Sync {
 
 /// A stage that works on one line at a time.
 pub trait LineStage: Stage {
-    /// What is the same for all lines, such as the spline coefficients of a map; `()` where there is nothing.
+    /// Data shared by all lines, such as the spline coefficients of a map; `()` for none.
     type Prepared: Send + Sync + 'static;
 
-    /// What is the same for all lines, built once. `inputs` holds models and maps; line tables are empty batches.
+    /// Builds the data shared by all lines, once. `inputs` holds models and maps; line tables are empty batches.
     ///
     /// # Errors
-    /// When a model or map cannot be used.
+    /// Fails for a model or map that cannot be used.
     fn prepare(&self, inputs: &[RecordBatch]) -> Result<Self::Prepared, Fault>;
 
-    /// The parameters that [`LineStage::prepare`] depends on, in one spelling: all, unless a stage narrows them to share
-    /// what it prepares between the points of a sweep.
+    /// The parameters that [`LineStage::prepare`] depends on, in canonical spelling: all, unless a stage restricts them
+    /// to share prepared data between the points of a sweep.
     fn prepare_key(&self) -> String {
         let mut pairs = vec![];
         self.spell(&mut pairs);
@@ -114,17 +114,16 @@ pub trait LineStage: Stage {
     /// Arrays for the columns of [`Stage::yields`], in that order, for one line.
     ///
     /// # Errors
-    /// When this line cannot be computed; the other lines go on.
+    /// Fails for a line that cannot be computed; the other lines are still computed.
     fn run(&self, line: &LineIn, prepared: &Self::Prepared) -> Arrays;
 
-    /// [`LineStage::run`] of several points of a sweep over one line, for a stage that has something to share between
-    /// them.
+    /// [`LineStage::run`] for several points of a sweep over one line, for a stage that shares work between them.
     ///
-    /// All belong to the same flight and line, in the order of the plan; each has what it declared to read, so the
-    /// columns need not be the same. One answer a point, in their order, and with the bits of [`LineStage::run`]: what
-    /// comes of a point does not depend on its company, and the fault of one leaves the others. All answers are in
-    /// memory together. A panic takes the whole call with it: a caller that wants the other points catches it and runs
-    /// them one at a time.
+    /// All points belong to the same flight and line, in the order of the plan. Each has the columns that it declared,
+    /// so columns may differ. Returns one result per point, in order, bit-identical to [`LineStage::run`]: a result
+    /// does not depend on the other points, and a fault of one does not affect the others. All results are in memory
+    /// together. A panic aborts the whole call; a caller that needs the other points catches it and runs them one at a
+    /// time.
     fn run_points(points: &[LinePoint<Self>]) -> Vec<Arrays>
     where
         Self: Sized,
@@ -139,7 +138,7 @@ pub struct LinePoint<'a, S: LineStage> {
     pub stage: &'a S,
     /// The line.
     pub line: &'a LineIn,
-    /// What the stage prepared.
+    /// The prepared data of the stage.
     pub prepared: &'a S::Prepared,
 }
 
@@ -153,11 +152,11 @@ impl<S: LineStage> Copy for LinePoint<'_, S> {}
 
 /// A stage that works on all lines of a survey that its `where` selects.
 pub trait SurveyStage: Stage {
-    /// How the lines are gathered.
+    /// The gathering of lines.
     type Gather: Gather;
 
-    /// The points of a sweep that see the same lines, solved together. What is wrong with the models or maps of one point
-    /// is a fault of its table in [`Gather::finish`], and leaves the others.
+    /// Solves together the points of a sweep that use the same lines. A fault in the models or maps of one point is
+    /// reported for its table in [`Gather::finish`] and does not affect the others.
     fn gather(points: Vec<SurveyPoint<Self>>) -> Self::Gather
     where
         Self: Sized;
@@ -179,35 +178,36 @@ impl<S: SurveyStage> Clone for SurveyPoint<'_, S> {
 
 impl<S: SurveyStage> Copy for SurveyPoint<'_, S> {}
 
-/// Points of a survey stage at work: `map` may run on many lines at a time, `finish` sees the parts in line order.
+/// Points of a survey stage during computation: `map` may run on many lines concurrently; `finish` gets the parts in
+/// line order.
 pub trait Gather: Send + Sync + 'static {
-    /// What the answers need of one line.
+    /// The reduction of one line.
     type Part: Send + 'static;
 
-    /// Reduces one line to what the answers need of it.
+    /// Reduces one line.
     ///
     /// # Errors
-    /// When the line cannot be used; the others go on without it.
+    /// Fails for a line that cannot be used; the computation continues without it.
     fn map(&self, line: &LineIn) -> Result<Self::Part, Fault>;
 
-    /// Which points cannot use a line that was mapped, by their place, and why. They go on without it, as those of all
-    /// points do without a line that [`Gather::map`] refused.
+    /// The points that cannot use a reduced line, by position, and the reasons. They continue without the line, as all
+    /// points do without a line that [`Gather::map`] rejected.
     fn refused(&self, _part: &Self::Part) -> Vec<(usize, Fault)> {
         vec![]
     }
 
-    /// The table of each point, in the points' order. What takes minutes keeps its state in `work`, so that a run that
-    /// is killed goes on from there, to the same bytes.
+    /// The table of each point, in the points' order. A computation of minutes keeps its state in `work`, so that an
+    /// interrupted run resumes from it and gives the same bytes.
     fn finish(&self, parts: Vec<Self::Part>, work: &dyn Work) -> Vec<Result<Product, Fault>>;
 }
 
 /// A stage that works on maps.
 pub trait MapStage: Stage {
-    /// The columns of [`Stage::yields`]. `maps` are the whole maps, each on its own grid ([`crate::map`]), in the order of
-    /// the inputs.
+    /// The columns of [`Stage::yields`]. `maps` are the whole maps, each on its native grid ([`crate::map`]), in the
+    /// order of the inputs.
     ///
     /// # Errors
-    /// When the map cannot be computed.
+    /// Fails for a map that cannot be computed.
     fn run(&self, maps: &[RecordBatch]) -> Result<Product, Fault>;
 }
 

@@ -1,8 +1,8 @@
-//! Units: the few conversions that a reader makes, once.
+//! Units and their conversions, which readers apply once.
 
 use std::f64::consts::PI;
 
-/// What a unit measures. Units of one dimension convert into each other.
+/// Dimension of a unit. Units of one dimension convert into each other.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Dimension {
     Field,
@@ -23,7 +23,7 @@ enum Dimension {
 
 use Dimension as D;
 
-/// Every unit: its spellings, the usual one first, what it measures, and how many base units it is.
+/// Every unit: its spellings, the usual one first, its dimension, and its size in base units.
 const UNITS: &[(&[&str], Dimension, f64)] = &[
     (&["nT", "gamma", "gammas", "nanotesla"], D::Field, 1.0),
     (&["uT", "µt", "μt", "microtesla"], D::Field, 1e3),
@@ -60,7 +60,7 @@ const UNITS: &[(&[&str], Dimension, f64)] = &[
     (&["ft/s"], D::Speed, 0.3048),
     (&["ft/min", "fpm"], D::Speed, 0.3048 / 60.0),
     (&["m/s2", "m/s^2", "m/s²", "m/s/s", "mps2", "m s-2"], D::Acceleration, 1.0),
-    // `g` alone is gauss or standard gravity, whichever is asked for.
+    // `g` alone is gauss or standard gravity, depending on the dimension required.
     (&["standard gravity", "g0", "gn", "g"], D::Acceleration, 9.80665),
     (&["mGal"], D::Acceleration, 1e-5),
     (&["A", "amp", "amps", "ampere", "amperes"], D::Current, 1.0),
@@ -76,7 +76,7 @@ const UNITS: &[(&[&str], Dimension, f64)] = &[
     (&["degC", "°c", "c", "celsius"], D::Celsius, 1.0),
 ];
 
-/// The factor that turns a value in `from` into one in `to`, where both measure the same thing.
+/// The factor that converts a value in `from` to `to`, if both have the same dimension.
 ///
 /// Spellings are compared without case; an unknown unit gives `None`.
 pub fn convert(from: &str, to: &str) -> Option<f64> {
@@ -92,7 +92,7 @@ pub fn is_unit(unit: &str) -> bool {
     measures(unit).next().is_some()
 }
 
-/// The usual spelling of a unit; `None` where it is unknown, or may be one of two.
+/// The usual spelling of a unit; `None` if it is unknown or ambiguous.
 pub fn usual_spelling(unit: &str) -> Option<&'static str> {
     let mut all = found(unit).filter_map(|(spellings, ..)| spellings.first().copied());
     all.next().filter(|_| all.next().is_none())
@@ -104,7 +104,7 @@ pub fn convertible_to(unit: &str) -> Vec<&'static str> {
     UNITS.iter().filter(|(_, d, _)| *d == dimension).filter_map(|(spellings, ..)| spellings.first().copied()).collect()
 }
 
-/// What a unit measures, and how many base units it is; more than one for a spelling that two units share.
+/// The dimension of a unit and its size in base units; several for a spelling that two units share.
 fn measures(unit: &str) -> impl Iterator<Item = (Dimension, f64)> + Clone {
     found(unit).map(|(_, d, f)| (*d, *f))
 }

@@ -1,4 +1,4 @@
-//! A map on its own grid, as in its file.
+//! A map on its native grid, as in its file.
 
 use std::path::PathBuf;
 
@@ -14,18 +14,18 @@ use schemas::map::ERROR;
 /// The height of a map above the ellipsoid, in metres.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Height {
-    /// One for all nodes; NaN where it is unknown.
+    /// One height for all nodes; NaN if unknown.
     Level(f64),
-    /// One a node, such as of a drape, in the order of the values.
+    /// One height per node, as for a draped map, in the order of the values.
     Cells(Vec<f64>),
 }
 
-/// The meaning of the coordinates in a file. Those of a [`AnomalyGrid`] are always those of the values themselves.
+/// The meaning of the coordinates in a file. In an [`AnomalyGrid`] they are always the coordinates of the nodes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Registration {
-    /// The values are at the nodes, the outermost ones on the edge of the map.
+    /// Grid-registered: the outermost nodes lie on the edge of the map.
     Node,
-    /// The values are of cells, whose centres lie half a cell within the edge of the map.
+    /// Pixel-registered: the outermost nodes lie half a spacing within the edge of the map.
     Pixel,
 }
 
@@ -40,7 +40,7 @@ pub struct AnomalyGrid {
     pub crs: Crs,
     /// The anomaly in nT by rows, the southernmost first, each from west to east; NaN where unknown.
     pub anomaly_nt: Vec<f64>,
-    /// One sigma of the error of each node in nT, where the map's maker gives it; NaN where unknown.
+    /// Standard deviation of the error of each node in nT, if the source of the map gives it; NaN where unknown.
     pub error_nt: Option<Vec<f64>>,
     /// The unit of the values: `nT`, or for derivatives of the anomaly `nT/m` or `nT/m2`.
     pub value_unit: &'static str,
@@ -61,15 +61,15 @@ pub const NANOTESLA: &str = "nT";
 /// The units of its derivatives.
 pub const DERIVATIVES: [&str; 2] = ["nT/m", "nT/m2"];
 
-/// A scale of projection beyond this departure from 1 is corrected in distances.
+/// Deviation of the projection's scale from 1 above which distances are corrected.
 const WORST_SCALE: f64 = 0.005;
 
 impl AnomalyGrid {
     /// A map of its axes and values, row by row from the south.
     ///
     /// # Errors
-    /// Fails for axes of fewer than two nodes or that do not ascend, degrees that are not on the earth, values or
-    /// heights of another number than the nodes or infinite, and values of which none is known.
+    /// Fails for axes of fewer than two nodes or that do not ascend, degrees out of range, values or heights that are
+    /// infinite or differ in number from the nodes, and a map without a known value.
     pub fn new(
         x: EvenAxis,
         y: EvenAxis,
@@ -99,24 +99,24 @@ impl AnomalyGrid {
     /// Makes the checks of [`AnomalyGrid::new`].
     ///
     /// # Errors
-    /// Fails for axes without two nodes or with other than finite numbers, values or heights of another number than the
-    /// nodes, infinite values, and a grid without any value.
+    /// Fails for axes of fewer than two nodes or with non-finite numbers, values or heights that differ in number from
+    /// the nodes, infinite values, and a grid without a known value.
     pub fn check(&self) -> Result<(), ReadError> {
         let names = if self.crs.is_geographic() { ["lon", "lat"] } else { ["easting", "northing"] };
         for (axis, name) in [&self.x, &self.y].into_iter().zip(names) {
             if axis.len < 2 {
-                let what = format!("a map needs two or more values along the axis, not {}", axis.len);
+                let what = format!("a map requires at least two nodes along each axis, not {}", axis.len);
                 return Err(self.fault(what).in_column(name));
             }
             let ends = axis.first.is_finite() && axis.last().is_finite();
             if !(ends && axis.step > 0.0) {
-                let what = format!("the axis does not ascend from {} to {}", axis.first, axis.last());
+                let what = format!("the axis must ascend, but runs from {} to {}", axis.first, axis.last());
                 return Err(self.fault(what).in_column(name));
             }
         }
         if self.crs.is_geographic() {
             self.check_range("lat", &self.y, 90.0)?;
-            // A map across the date line goes on beyond 180, and the file may count from 0 to 360.
+            // A map across the date line exceeds 180, and the file may use 0 to 360.
             self.check_range("lon", &self.x, 540.0)?;
         }
         super::check_values(&self.source, &self.anomaly_nt, self.nodes())?;
@@ -133,12 +133,12 @@ impl AnomalyGrid {
 
     fn check_error(&self, error_nt: &[f64]) -> Result<(), ReadError> {
         if error_nt.len() != self.nodes() {
-            let what = format!("the grid has {} cells and {} errors", self.nodes(), error_nt.len());
+            let what = format!("the grid has {} nodes but {} errors", self.nodes(), error_nt.len());
             return Err(self.fault(what).in_column(ERROR));
         }
         match error_nt.iter().position(|error| *error < 0.0 || error.is_infinite()) {
             Some(node) => Err(self
-                .fault(format!("{} is not a standard deviation in nT", error_nt[node]))
+                .fault(format!("the standard deviation must be at least 0 nT, not {}", error_nt[node]))
                 .in_column(ERROR)
                 .in_row(node as u64)),
             None => Ok(()),
@@ -150,8 +150,8 @@ impl AnomalyGrid {
         let beyond = [axis.first, axis.last()].into_iter().find(|x| x.abs() > most + 1e-6 * axis.step);
         match beyond {
             Some(x) => Err(self
-                .fault(format!("{x} degrees is not on the earth"))
-                .help("eastings and northings need `epsg`")
+                .fault(format!("the coordinate {x} degrees is out of range"))
+                .help("if the coordinates are eastings and northings, set `epsg`")
                 .in_column(name)),
             None => Ok(()),
         }
@@ -191,7 +191,7 @@ impl AnomalyGrid {
         if self.value_unit == NANOTESLA {
             return Ok(());
         }
-        let what = format!("the map is a derivative in {}, not an anomaly in nT", self.value_unit);
+        let what = format!("the map holds a derivative in {}, but an anomaly in nT is required", self.value_unit);
         Err(self.fault(what).in_column("anomaly"))
     }
 
@@ -206,11 +206,11 @@ impl AnomalyGrid {
         (middle(&self.x), middle(&self.y))
     }
 
-    /// Metres to a unit of `x` and of `y`, at the middle of the map.
+    /// Metres per unit of `x` and of `y`, at the middle of the map.
     ///
-    /// For eastings and northings that is the unit of the coordinate system; where the projection stretches by more
-    /// than 0.5 % there, as web Mercator does, it is metres on the ground. For degrees it is the transverse radius of
-    /// curvature times the cosine of the latitude, and the meridian radius [Torge & Müller, Geodesy, 4.1.3].
+    /// For eastings and northings it is the unit of the coordinate system. If the scale of the projection differs by
+    /// more than 0.5 % from 1, as for web Mercator, it is metres on the ground. For degrees it is the transverse radius
+    /// of curvature times the cosine of the latitude, and the meridian radius [Torge & Müller, Geodesy, 4.1.3].
     pub fn unit_m(&self) -> (f64, f64) {
         if self.is_geographic() {
             let lat = middle(&self.y).to_radians();
@@ -225,7 +225,7 @@ impl AnomalyGrid {
         (along(self.x.step, 0.0), along(0.0, self.y.step))
     }
 
-    /// Metres on the ground to a unit of `x` and of `y`, at the middle of the map.
+    /// Metres on the ground per unit of `x` and of `y`, at the middle of the map.
     pub(super) fn ground_unit_m(&self) -> (f64, f64) {
         if self.is_geographic() {
             return self.unit_m();
@@ -253,10 +253,10 @@ impl AnomalyGrid {
         PlaneGrid { east_m, north_m, values: self.anomaly_nt.clone() }
     }
 
-    /// The same map with other values, one a node, row by row from the south, and without errors of the nodes.
+    /// The same map with other values, one per node, row by row from the south, and without errors of the nodes.
     ///
     /// # Errors
-    /// Fails for values of another number than the nodes, infinite ones, and none that is known.
+    /// Fails for values that differ in number from the nodes, infinite values, and a map without a known value.
     pub fn with_plane_values(&self, values: Vec<f64>) -> Result<AnomalyGrid, ReadError> {
         let map = AnomalyGrid { anomaly_nt: values, error_nt: None, ..self.clone() };
         map.check()?;
@@ -294,7 +294,7 @@ impl AnomalyGrid {
     }
 }
 
-/// Metres on the ground to a unit of a projected system, along (dx, dy) from a place in it.
+/// Metres on the ground per unit of a projected system, along (dx, dy) from a position in it.
 pub(super) fn ground_m(crs: &Crs, (x, y): (f64, f64), (dx, dy): (f64, f64)) -> Option<f64> {
     let (a, b) = (crs.unproject(x, y)?, crs.unproject(x + dx, y + dy)?);
     let lat = a.0.to_radians();
@@ -316,7 +316,7 @@ fn scaled(axis: &EvenAxis, factor: f64) -> EvenAxis {
 
 /// The node, as a fraction, of a coordinate; `None` off the axis.
 pub fn node_on(axis: &EvenAxis, coordinate: f64) -> Option<f64> {
-    // Rounding of a projection forward and back must not lose the outermost nodes.
+    // The outermost nodes must survive the rounding of a projection forward and back.
     const SLACK: f64 = 1e-6;
     let (node, last) = (axis.node(coordinate), axis.len.saturating_sub(1) as f64);
     (-SLACK..=last + SLACK).contains(&node).then(|| node.clamp(0.0, last))

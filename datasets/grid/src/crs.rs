@@ -9,7 +9,7 @@ use crate::ReadError;
 /// The code of WGS-84 latitude and longitude in degrees.
 pub const WGS84: u16 = 4326;
 
-/// A coordinate reference system, to and from WGS-84 degrees. Two are equal that have one code.
+/// A coordinate reference system, to and from WGS-84 degrees. Systems with equal codes are equal.
 #[derive(Clone)]
 pub struct Crs {
     code: u16,
@@ -21,21 +21,21 @@ pub struct Crs {
 impl Crs {
     /// The system with an EPSG code.
     ///
-    /// Projections agree with PROJ 9.5 within a millimetre (some 4800 codes were compared at one position each); the
-    /// transformation forward and back closes within 1 cm, for a few datums hundreds of metres from WGS-84 within 25
-    /// cm. Datum shifts are the three- or seven-parameter ones of the register: of the British National Grid within
-    /// about 3 m of the national grid-shift file, of modern continental datums, which drift apart from WGS-84, within 2
-    /// m, of old ones by tens of metres in places.
+    /// Projections agree with PROJ 9.5 within 1 mm (about 4800 codes were compared at one position each). The
+    /// transformation forward and back closes within 1 cm, or 25 cm for a few datums hundreds of metres from WGS-84.
+    /// Datum shifts use the three or seven parameters of the register. Their error is about 3 m for the British
+    /// National Grid, compared with the national grid-shift file. It is up to 2 m for modern continental datums, which
+    /// drift relative to WGS-84, and locally tens of metres for old datums.
     ///
     /// # Errors
-    /// Fails for an unknown code, projection or transformation to WGS-84: datums that are defined by a file of
-    /// shifts (NAD27) or by none.
+    /// Fails for an unknown code, projection or transformation to WGS-84, such as of datums defined by a grid-shift
+    /// file (NAD27).
     pub fn from_epsg(path: &Path, code: u16) -> Result<Crs, ReadError> {
         let unknown = |why: String| {
             ReadError::options(path, format!("the coordinate system EPSG:{code} {why}"))
-                .help("project the map to a UTM zone or to latitude and longitude first")
+                .help("convert the map to a UTM zone or to latitude and longitude first")
         };
-        let known = crs_definitions::from_code(code).ok_or_else(|| unknown("is not known".to_owned()))?;
+        let known = crs_definitions::from_code(code).ok_or_else(|| unknown("is unknown".to_owned()))?;
         if let Some(why) = refusal(code, known.proj4, known.wkt) {
             return Err(unknown(format!("cannot be used: {why}")));
         }
@@ -58,7 +58,7 @@ impl Crs {
     pub fn utm_zone_of(lat_deg: f64, lon_deg: f64) -> Result<Crs, ReadError> {
         let nowhere = Path::new("UTM");
         if !(lat_deg.abs() <= 84.0 && lon_deg.is_finite()) {
-            let what = format!("there is no UTM zone at latitude {lat_deg}, longitude {lon_deg}");
+            let what = format!("no UTM zone covers latitude {lat_deg}, longitude {lon_deg}");
             return Err(ReadError::options(nowhere, what).help("give `epsg`"));
         }
         let zone = (((lon_deg + 180.0).rem_euclid(360.0) / 6.0).floor() as u16).min(59) + 1;
@@ -85,17 +85,17 @@ impl Crs {
         self.definition
     }
 
-    /// Whether its coordinates are degrees already.
+    /// Whether its coordinates are degrees.
     pub fn is_geographic(&self) -> bool {
         self.projection.is_geographic()
     }
 
-    /// Metres to a unit of its coordinates: 1 for metres, 0.3048 for feet; 1 for degrees.
+    /// Metres per unit of its coordinates: 1 for metres, 0.3048 for feet; 1 for degrees.
     pub fn unit_m(&self) -> f64 {
         self.projection.unit_m()
     }
 
-    /// Easting and northing (or, of degrees, longitude and latitude) of a WGS-84 latitude and longitude in
+    /// Easting and northing (or longitude and latitude for a system in degrees) of a WGS-84 latitude and longitude in
     /// degrees; `None` where the projection has none.
     pub fn project(&self, lat_deg: f64, lon_deg: f64) -> Option<(f64, f64)> {
         self.projection.project(lat_deg, lon_deg)
@@ -117,22 +117,22 @@ impl Crs {
     }
 }
 
-/// Systems whose axes or units the definitions do not give correctly: kilometres off PROJ.
+/// Systems with wrong axes or units in the definitions; they differ from PROJ by kilometres.
 const MISTAKEN: [u16; 5] = [2065, 3167, 5513, 8044, 8045];
 
-/// Why a system that is defined cannot be used.
+/// Reason that a defined system cannot be used.
 fn refusal(code: u16, proj4: &str, wkt: &str) -> Option<&'static str> {
     let value = |key: &str| proj4.split(' ').find_map(|w| w.strip_prefix(key)?.strip_prefix('='));
     let shifted = ["+towgs84", "+datum", "+nadgrids"].iter().any(|k| value(k).is_some());
     let modern = ["GRS80", "WGS84"].iter().any(|e| value("+ellps") == Some(e));
     let sphere = value("+a").is_some() && value("+a") == value("+b");
     if MISTAKEN.contains(&code) {
-        return Some("its axes or units are not known exactly");
+        return Some("its axes or units are not defined exactly");
     }
     if value("+proj") == Some("longlat") && !wkt.contains("UNIT[\"degree\"") {
         return Some("its angles are not degrees");
     }
-    (!shifted && !modern && !sphere).then_some("the transformation from its datum to WGS-84 is not known")
+    (!shifted && !modern && !sphere).then_some("the transformation from its datum to WGS-84 is unknown")
 }
 
 /// The code of the coordinate system that well-known text defines, by its authority, else by its name.
@@ -175,7 +175,7 @@ pub fn unit_of_wkt(wkt: &str) -> Option<(String, f64)> {
     Some((name.to_owned(), size)).filter(|(name, m)| *m > 0.0 && !name.to_ascii_lowercase().starts_with("deg"))
 }
 
-/// The code of the system with a name of the EPSG register, or with Esri's name of a common one.
+/// The code of the system with a name in the EPSG register, or with Esri's name of a common system.
 pub fn epsg_of_name(name: &str) -> Option<u16> {
     const SPELLINGS: [(&str, &str); 10] = [
         ("GCS WGS 1984", "WGS 84"),

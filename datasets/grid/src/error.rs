@@ -4,7 +4,7 @@ use std::{fmt, path::Path};
 
 use schemas::{Fault, render};
 
-/// Why a file could not be read: the file, the row and column where they are known, and the remedy.
+/// Error of reading a file: the file, the row and column if known, and the remedy.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ReadError(Box<Fault>);
 
@@ -25,7 +25,7 @@ impl ReadError {
     pub fn io(path: &Path, error: &std::io::Error) -> Self {
         use std::io::ErrorKind::{InvalidData, NotFound, UnexpectedEof};
         match error.kind() {
-            NotFound => Self::options(path, "there is no such file"),
+            NotFound => Self::options(path, "the file does not exist"),
             InvalidData | UnexpectedEof => Self::data(path, error.to_string()),
             _ => Self(Box::new(Fault::machine(error.to_string()).in_file(&path.display().to_string()))),
         }

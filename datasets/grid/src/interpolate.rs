@@ -5,9 +5,9 @@ use numerics::maps::plane_grid::EvenAxis;
 
 /// The value at a position given in fractions of nodes, or NaN.
 ///
-/// A polynomial of ninth degree through the 10 x 10 nodes around the place; of fifth or third degree
-/// through 6 x 6 or 4 x 4 where one of those nodes is unknown or beyond the edge; NaN where one of the
-/// 4 x 4 is unknown too. In the outermost cells the 4 x 4 nodes nearest to the place are taken.
+/// A polynomial of ninth degree through the 10 x 10 nodes around the position. If one of those nodes is unknown or
+/// beyond the edge, a polynomial of fifth or third degree through 6 x 6 or 4 x 4 nodes; NaN if one of the 4 x 4 is
+/// unknown. Between the outermost nodes, the 4 x 4 nodes nearest to the position are used.
 pub fn at(values: &[f64], x: &EvenAxis, y: &EvenAxis, column: f64, row: f64) -> f64 {
     let centred = |n: usize| {
         let fits = |place: f64, len: usize| {
@@ -34,7 +34,7 @@ pub fn through<const N: usize>(values: &[f64], width: usize, height: usize, colu
     (!sum.is_nan()).then_some(sum)
 }
 
-/// The first of N nodes around `place` and Lagrange's weights of all of them.
+/// The first of N nodes around `place`, and the Lagrange weights of all.
 fn weights<const N: usize>(place: f64, len: usize) -> Option<(usize, [f64; N])> {
     let most = len.checked_sub(N)?;
     let first = (place.floor() as usize).saturating_sub(N / 2 - 1).min(most);

@@ -1,5 +1,5 @@
-//! Maps on their own grid in any coordinate system and as the contract's grid of latitude and longitude, and survey
-//! points: what formats read and write, and what the stages of maps work on.
+//! Maps on their native grid in any coordinate system or as a grid of latitude and longitude, and survey points.
+//! Formats read and write them, and map stages process them.
 
 use std::{path::Path, sync::Arc};
 
@@ -27,8 +27,8 @@ pub use survey_points::{Extra, SurveyPoints, metres, no_metres, plane};
 /// An anomaly map on a regular grid, the contract's map table.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MapTable {
-    /// One row a cell, by latitude then longitude, both ascending: `lat`, `lon` (deg), `alt` (m above
-    /// the WGS-84 ellipsoid), `anomaly` (nT, NaN where unknown), and where the map has it `error` (nT).
+    /// One row per node, by latitude then longitude, both ascending: `lat`, `lon` (deg), `alt` (m above
+    /// the WGS-84 ellipsoid), `anomaly` (nT, NaN where unknown), and `error` (nT) if the map has it.
     pub batch: RecordBatch,
     /// The number of latitudes.
     pub n_lat: usize,
@@ -59,7 +59,7 @@ impl MapTable {
         Ok(MapTable { batch, n_lat, n_lon, notes: map.notes.clone() })
     }
 
-    /// The values of a column, one a cell; empty for any other name.
+    /// The values of a column, one per node; empty for an unknown name.
     pub fn column(&self, name: &str) -> &[f64] {
         let column = self.batch.column_by_name(name).and_then(|c| c.as_any().downcast_ref::<Float64Array>());
         column.map_or(&[], |c| c.values())
@@ -76,18 +76,18 @@ impl MapTable {
     }
 }
 
-/// Rejects values of another number than the nodes.
+/// Rejects values that differ in number from the nodes.
 ///
 /// # Errors
-/// Fails when there are more or fewer.
+/// Fails if there are more or fewer values.
 pub fn check_count(path: &Path, values: usize, nodes: usize) -> Result<(), ReadError> {
     if values == nodes {
         return Ok(());
     }
-    Err(ReadError::data(path, format!("the grid has {nodes} cells and {values} values")).in_column("anomaly"))
+    Err(ReadError::data(path, format!("the grid has {nodes} nodes but {values} values")).in_column("anomaly"))
 }
 
-/// Rejects values of the wrong number, infinite ones, and a map without any.
+/// Rejects a wrong number of values, infinite values, and a map without a known value.
 ///
 /// # Errors
 /// Fails for each of these.
@@ -97,5 +97,5 @@ pub fn check_values(path: &Path, values: &[f64], nodes: usize) -> Result<(), Rea
     if let Some(i) = values.iter().position(|v| v.is_infinite()) {
         return Err(wrong("the value is infinite").in_row(i as u64));
     }
-    if values.iter().all(|v| v.is_nan()) { Err(wrong("no cell has a value")) } else { Ok(()) }
+    if values.iter().all(|v| v.is_nan()) { Err(wrong("the map has no known value")) } else { Ok(()) }
 }

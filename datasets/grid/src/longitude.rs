@@ -2,14 +2,14 @@
 
 use numerics::maps::plane_grid::EvenAxis;
 
-/// How far, in steps, a round of the earth may be from a whole number of them.
+/// Maximum deviation of 360 degrees from a whole number of steps, in steps.
 const SLACK: f64 = 1e-3;
 
-/// The axis and the column of the file that each of its columns is; `None` where no change is needed.
+/// The axis, and the column of the file for each of its columns; `None` if no change is needed.
 ///
-/// A map round the earth begins at its first meridian from -180 degrees east. Any other map keeps its columns
-/// and is moved by whole rounds until its middle lies between -180 and 180 degrees: one that crosses the date
-/// line goes on beyond 180.
+/// A map around the earth begins at its first meridian east of -180 degrees. Any other map keeps its columns and is
+/// shifted by multiples of 360 degrees until its middle lies between -180 and 180 degrees. A map across the date line
+/// therefore exceeds 180 degrees.
 pub fn turned(axis: &EvenAxis) -> Option<(EvenAxis, Vec<usize>)> {
     if round_the_earth(axis) && axis.last() > 180.0 + SLACK * axis.step {
         return Some(rolled(axis));
@@ -25,7 +25,7 @@ fn round_the_earth(axis: &EvenAxis) -> bool {
     axis.step * axis.len as f64 >= 360.0 - SLACK * axis.step
 }
 
-/// The number of distinct meridians of a map round the earth; `None` for any other map.
+/// The number of distinct meridians of a map around the earth; `None` for any other map.
 pub fn round(axis: &EvenAxis) -> Option<usize> {
     let nodes = (360.0 / axis.step).round();
     let whole = (nodes * axis.step - 360.0).abs() <= SLACK * axis.step;

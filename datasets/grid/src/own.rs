@@ -1,4 +1,4 @@
-//! A map on its own grid, as the input of stages.
+//! A map on its native grid, as the input of stages.
 
 use std::sync::Arc;
 
@@ -11,16 +11,16 @@ use schemas::map::OwnGrid;
 use super::{AnomalyGrid, Crs, Height, MapTable, WGS84};
 use crate::ReadError;
 
-/// How much of its extent an area is wider than its border's nodes: a parallel bulges between them, and a place on the
-/// edge must not be lost to rounding.
+/// Margin of an area beyond the nodes of its border, as a fraction of its extent. Parallels curve between nodes, and a
+/// position on the edge must survive rounding.
 const MARGIN: f64 = 0.01;
 
 impl AnomalyGrid {
-    /// The map as stages use it: the map table where its coordinates are degrees of WGS-84 (within a metre),
-    /// else its own nodes with their eastings and northings ([`OwnGrid`]). Nothing is interpolated.
+    /// The map as stages use it: the map table if its coordinates are WGS-84 degrees (within 1 m), else its native grid
+    /// with eastings and northings ([`OwnGrid`]). Nothing is interpolated.
     ///
     /// # Errors
-    /// Fails for coordinates that are no place in their system, and as [`AnomalyGrid::new`].
+    /// Fails for coordinates that are invalid in their system, and as [`AnomalyGrid::new`].
     pub fn table(&self) -> Result<RecordBatch, ReadError> {
         if self.crs.is_wgs84_at(self.middle().1, self.middle().0) {
             return Ok(MapTable::of(self)?.batch);
@@ -45,7 +45,7 @@ impl AnomalyGrid {
         batch.map_err(|e| self.fault(e.to_string()))
     }
 
-    /// An area that holds the map, a little wider than its border: parallels and meridians.
+    /// An area that contains the map with a small margin, bounded by parallels and meridians.
     fn area_deg(&self) -> Result<[[f64; 2]; 2], ReadError> {
         let inside = |lat: f64| {
             let found = self.crs.project(lat, 0.0).filter(|_| !self.is_geographic());
@@ -55,7 +55,7 @@ impl AnomalyGrid {
         if poles == [false, false] {
             let ((south, north), (west, east)) = self.bounds_deg()?;
             let (lat, lon) = (MARGIN * (north - south), MARGIN * (east - west));
-            // Once round is all there is.
+            // At most 360 degrees.
             let lon = lon.min(0.5 * (360.0 - (east - west)).max(0.0));
             return Ok([[(south - lat).max(-90.0), (north + lat).min(90.0)], [west - lon, east + lon]]);
         }
@@ -76,10 +76,10 @@ fn within(axis: &EvenAxis, coordinate: f64) -> bool {
     (axis.first..=axis.last()).contains(&coordinate)
 }
 
-/// The contract's map of a table that [`AnomalyGrid::table`] made: unchanged, or resampled to latitude and longitude.
+/// The map in latitude and longitude of a table that [`AnomalyGrid::table`] made: unchanged or resampled.
 ///
 /// # Errors
-/// A table that is not a map, and what [`AnomalyGrid::to_geographic`] refuses.
+/// Fails for a table that is not a map, and as [`AnomalyGrid::to_geographic`].
 pub fn geographic(table: &RecordBatch) -> Result<MapTable, ReadError> {
     AnomalyGrid::of_table(table)?.to_geographic()
 }
@@ -88,7 +88,7 @@ impl AnomalyGrid {
     /// The map of a table that [`AnomalyGrid::table`] made.
     ///
     /// # Errors
-    /// A table that is not a map.
+    /// Fails for a table that is not a map.
     pub fn of_table(table: &RecordBatch) -> Result<AnomalyGrid, ReadError> {
         let own = OwnGrid::of(&table.schema()).map_err(|e| wrong(e.to_string()))?;
         let (names, epsg) = match &own {
@@ -98,14 +98,14 @@ impl AnomalyGrid {
         of_nodes(table, names, epsg)
     }
 
-    /// The map of the rows that [`AnomalyGrid::made`] gave to one map.
+    /// The map of rows that [`AnomalyGrid::made`] wrote for one map.
     ///
     /// # Errors
-    /// Rows that are no map.
+    /// Fails for rows that are not a map.
     pub fn of_made(rows: &RecordBatch) -> Result<AnomalyGrid, ReadError> {
         let codes = rows.column_by_name("epsg").and_then(|c| c.as_any().downcast_ref::<Int64Array>());
         let epsg = codes.filter(|c| !c.is_empty()).and_then(|c| u16::try_from(c.value(0)).ok());
-        let epsg = epsg.ok_or_else(|| wrong("is not the code of a coordinate system").in_column("epsg"))?;
+        let epsg = epsg.ok_or_else(|| wrong("must be the EPSG code of a coordinate system").in_column("epsg"))?;
         let own = rows.column_by_name("easting").is_some_and(|c| c.null_count() == 0);
         of_nodes(rows, if own { ["easting", "northing"] } else { ["lon", "lat"] }, epsg)
     }
@@ -113,7 +113,7 @@ impl AnomalyGrid {
     /// The columns of a map that a stage yields ([`schemas::map::made_columns`]).
     ///
     /// # Errors
-    /// What [`AnomalyGrid::new`] refuses.
+    /// Fails as [`AnomalyGrid::new`].
     pub fn made(&self) -> Result<Vec<ArrayRef>, ReadError> {
         self.check()?;
         let width = self.x.len;
@@ -140,7 +140,7 @@ impl AnomalyGrid {
 fn of_nodes(table: &RecordBatch, [x, y]: [&str; 2], epsg: u16) -> Result<AnomalyGrid, ReadError> {
     let column = |name: &str| {
         let found = table.column_by_name(name).and_then(|c| c.as_any().downcast_ref::<Float64Array>());
-        found.map(|c| c.values().to_vec()).ok_or_else(|| wrong("is not a column of numbers").in_column(name))
+        found.map(|c| c.values().to_vec()).ok_or_else(|| wrong("must be a column of Float64").in_column(name))
     };
     let (x, y) = (column(x)?, column(y)?);
     let width = y.iter().take_while(|value| Some(*value) == y.first()).count().max(1);

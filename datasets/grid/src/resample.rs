@@ -1,4 +1,4 @@
-//! A map in another coordinate system, by polynomials between its nodes.
+//! A map in another coordinate system, by polynomial interpolation between its nodes.
 
 use std::borrow::Cow;
 
@@ -15,25 +15,26 @@ use super::{
 };
 use crate::ReadError;
 
-/// Columns past each end of a map round the earth: half of the nodes of a polynomial, and one.
+/// Additional columns past each end of a map around the earth: half of the nodes of a polynomial, plus one.
 const SEAM: usize = 6;
 
-/// The least grid that can be interpolated.
+/// Minimum size of a grid that can be interpolated.
 const LEAST_NODES: usize = 4;
 
-/// The maximum number of nodes; more indicate a spacing in the wrong unit.
+/// Maximum number of nodes; more indicate a spacing in the wrong unit.
 const MOST_NODES: f64 = 1e9;
 
 /// The smallest and the largest coordinate.
 type Ends = (f64, f64);
 
 impl AnomalyGrid {
-    /// The map in degrees: unchanged where its coordinates are degrees of WGS-84 (within a metre), else resampled to
-    /// a regular grid of latitude and longitude that covers it, with a spacing no wider than its own. Nodes outside
-    /// the map, or within two nodes of an unknown one, are NaN then.
+    /// The map in degrees: unchanged if its coordinates are WGS-84 degrees (within 1 m), else resampled to a regular
+    /// grid of latitude and longitude that covers it, with a spacing at most that of the map. Nodes outside the map, or
+    /// within two nodes of an unknown node, are then NaN.
     ///
     /// # Errors
-    /// Fails for a map of fewer than 4 x 4 nodes, one around a pole, and coordinates that are no place in their system.
+    /// Fails for a map of fewer than 4 x 4 nodes, a map around a pole, and coordinates that are invalid in their
+    /// system.
     pub fn to_geographic(&self) -> Result<MapTable, ReadError> {
         if self.crs.is_wgs84_at(self.middle().1, self.middle().0) {
             return MapTable::of(self);
@@ -41,12 +42,12 @@ impl AnomalyGrid {
         MapTable::of(&self.to_crs(WGS84, None)?)
     }
 
-    /// The map in another coordinate system, on a grid that covers it: the nodes are the whole multiples of
-    /// `spacing` (in units of that system, or degrees); by default the spacing is no wider than the map's own, and
-    /// the grid begins at its edge. Nodes outside the map, or within two nodes of an unknown one, are NaN.
+    /// The map in another coordinate system, on a grid that covers it. The nodes are whole multiples of `spacing` (in
+    /// units of that system, or degrees). By default the spacing is at most that of the map, and the grid begins at its
+    /// edge. Nodes outside the map, or within two nodes of an unknown node, are NaN.
     ///
     /// # Errors
-    /// Fails for an unknown system, a spacing that makes no grid, and as [`AnomalyGrid::to_geographic`].
+    /// Fails for an unknown system, an invalid spacing, and as [`AnomalyGrid::to_geographic`].
     pub fn to_crs(&self, epsg: u16, spacing: Option<f64>) -> Result<AnomalyGrid, ReadError> {
         let target = Crs::from_epsg(&self.source, epsg)?;
         if self.crs == target && spacing.is_none() {
@@ -54,7 +55,7 @@ impl AnomalyGrid {
         }
         if self.x.len < LEAST_NODES || self.y.len < LEAST_NODES {
             let kind = if self.is_geographic() { "map" } else { "projected map" };
-            let what = format!("a {kind} needs {LEAST_NODES} x {LEAST_NODES} nodes to be resampled");
+            let what = format!("resampling requires a {kind} of at least {LEAST_NODES} x {LEAST_NODES} nodes");
             return Err(self.fault(what));
         }
         self.check()?;
@@ -85,7 +86,8 @@ impl AnomalyGrid {
         Ok(map)
     }
 
-    /// A map round the earth with more columns past both ends, so that a place at its seam lies between nodes.
+    /// A map around the earth with additional columns past both ends, so that a position at the seam lies between
+    /// nodes.
     fn beyond_the_seam(&self) -> Cow<'_, AnomalyGrid> {
         let Some(round) = self.is_geographic().then(|| longitude::round(&self.x)).flatten() else {
             return Cow::Borrowed(self);
@@ -161,13 +163,13 @@ impl AnomalyGrid {
         let (x, y) = if target.is_geographic() { (lon, lat) } else { self.bounds_in(target)? };
         let (x_step, y_step) = match spacing {
             Some(step) if step.is_finite() && step > 0.0 => (step, step),
-            Some(step) => return Err(self.fault(format!("{step} is not a valid spacing"))),
+            Some(step) => return Err(self.fault(format!("the spacing must be positive and finite, not {step}"))),
             None if target.is_geographic() => self.degrees_of_steps(lat),
             None => self.units_of_steps(target, (x.0 + x.1) / 2.0, (y.0 + y.1) / 2.0)?,
         };
         let nodes = ((x.1 - x.0) / x_step).abs() * ((y.1 - y.0) / y_step).abs();
         if nodes.is_nan() || nodes >= MOST_NODES {
-            return Err(self.fault(format!("a grid of {nodes:.0} nodes is too large")).help("widen the spacing"));
+            return Err(self.fault(format!("a grid of {nodes:.0} nodes is too large")).help("choose a larger spacing"));
         }
         let axis = |ends: Ends, step: f64| match spacing {
             Some(_) => multiples(ends, step),
@@ -175,13 +177,12 @@ impl AnomalyGrid {
         };
         let (x, y) = (axis(x, x_step), axis(y, y_step));
         if x.len < 2 || y.len < 2 {
-            return Err(self.fault("the spacing is wider than the map").help("narrow it"));
+            return Err(self.fault("the spacing is wider than the map").help("choose a smaller spacing"));
         }
         Ok((x, y))
     }
 
-    /// Steps in degrees no longer on the ground than the map's: where a degree is longest they are the map's own,
-    /// elsewhere narrower.
+    /// Steps in degrees that are at most the map's steps on the ground. They are equal where a degree is longest.
     fn degrees_of_steps(&self, lat: Ends) -> (f64, f64) {
         let longest = lat.0.abs().max(lat.1.abs()).to_radians();
         let widest = if lat.0 <= 0.0 && lat.1 >= 0.0 { 0.0 } else { lat.0.abs().min(lat.1.abs()).to_radians() };
@@ -191,7 +192,7 @@ impl AnomalyGrid {
         (lon_step, lat_step)
     }
 
-    /// The map's steps on the ground, in metres. A projection has one scale for both, that along its northings.
+    /// The map's steps on the ground, in metres. Both use the scale of the projection along its northings.
     fn steps_m(&self) -> (f64, f64) {
         if self.is_geographic() {
             let (x, y) = self.unit_m();
@@ -201,21 +202,21 @@ impl AnomalyGrid {
         (self.x.step * scale, self.y.step * scale)
     }
 
-    /// One step in units of another system, around a place in it: as long as the map's shorter one.
+    /// The map's shorter step in units of another system, at a position in it.
     fn units_of_steps(&self, target: &Crs, x: f64, y: f64) -> Result<(f64, f64), ReadError> {
         let (x_m, y_m) = self.steps_m();
-        // A kilometre is short against the earth and long against rounding.
+        // 1 km is small compared with the earth and large compared with rounding.
         let ground_m = ground_m(target, (x, y), (0.0, 1000.0 / target.unit_m()));
         let ground_m = ground_m.ok_or_else(|| self.no_place(x, y, target))?;
         let step = x_m.min(y_m) / ground_m;
         Ok((step, step))
     }
 
-    /// The smallest and the largest latitude and longitude of the border, in WGS-84 degrees; longitudes go on beyond
-    /// 180 where the map crosses the date line.
+    /// The smallest and the largest latitude and longitude of the border, in WGS-84 degrees; longitudes exceed 180 if
+    /// the map crosses the date line.
     ///
     /// # Errors
-    /// Fails for a border that leaves the coordinate system, or that goes round a pole.
+    /// Fails for a border that leaves the coordinate system or surrounds a pole.
     pub fn bounds_deg(&self) -> Result<(Ends, Ends), ReadError> {
         let (mut lat, mut lon) = ((f64::INFINITY, f64::NEG_INFINITY), (f64::INFINITY, f64::NEG_INFINITY));
         let (mut before, mut first) = (None, None);
@@ -232,7 +233,7 @@ impl AnomalyGrid {
         if !self.is_geographic() && before.zip(first).is_some_and(|(a, b)| (a - b).abs() > 180.0) {
             return Err(self
                 .fault("the map contains a pole, which a grid of latitude and longitude cannot represent")
-                .help("trim it, or keep it in its own coordinate system"));
+                .help("trim the map, or keep it in its coordinate system"));
         }
         let rounds = 360.0 * ((0.5 * (lon.0 + lon.1) + 180.0) / 360.0).floor();
         Ok((lat, (lon.0 - rounds, lon.1 - rounds)))
@@ -253,7 +254,7 @@ impl AnomalyGrid {
         self.fault(format!("({x}, {y}) is not a position in EPSG:{}", crs.code())).help("check the EPSG code")
     }
 
-    /// The border's nodes, once round and back to the first.
+    /// The border's nodes, back to the first.
     pub fn outline(&self) -> Vec<(f64, f64)> {
         let (e, n) = (self.x.coordinates(), self.y.coordinates());
         let (west, east) = (self.x.first, self.x.last());
@@ -274,7 +275,7 @@ fn covering(ends: Ends, step: f64) -> EvenAxis {
 
 /// The multiples of `step` within the ends.
 fn multiples(ends: Ends, step: f64) -> EvenAxis {
-    // Rounding of a projection there and back must not lose a node on the edge.
+    // A node on the edge must survive the rounding of a projection forward and back.
     const SLACK: f64 = 1e-6;
     let (first, last) = ((ends.0 / step - SLACK).ceil(), (ends.1 / step + SLACK).floor());
     EvenAxis { first: first * step, step, len: (last - first).max(-1.0) as usize + 1 }

@@ -1,4 +1,4 @@
-//! The statistics of a map: its extent, spacing, height, gaps and statistics.
+//! The summary of a map: its extent, spacing, height, gaps and statistics.
 
 use super::{AnomalyGrid, Height, Registration};
 use crate::ReadError;
@@ -22,7 +22,7 @@ pub struct MapSummary {
     pub epsg: u16,
     /// The name of the coordinate system.
     pub system: String,
-    /// The unit of the coordinates: `deg`, `m`, `ft`, `us-ft`, or nothing for a rarer one.
+    /// The unit of the coordinates: `deg`, `m`, `ft`, `us-ft`, or empty for another one.
     pub unit: &'static str,
     /// The meaning of the file's coordinates.
     pub registration: Registration,
@@ -70,7 +70,7 @@ impl AnomalyGrid {
         self.check()?;
         let mut known: Vec<f64> = self.anomaly_nt.iter().copied().filter(|v| !v.is_nan()).collect();
         let count = known.len() as f64;
-        // Sums of accepted values such as 1e308 must not overflow.
+        // Sums of values such as 1e308 must not overflow.
         let size = known.iter().fold(0.0_f64, |most, v| most.max(v.abs()));
         let size = if size > 1e100 { size } else { 1.0 };
         let mean = known.iter().map(|v| v / size).sum::<f64>() / count * size;
@@ -113,12 +113,13 @@ impl AnomalyGrid {
         }
     }
 
-    /// Mean absolute difference between nodes that are `apart` in the list: 1 for columns, a row's length for rows.
+    /// Mean absolute difference between nodes `apart` positions from each other: 1 for columns, a row's length for
+    /// rows.
     fn mean_step(&self, apart: usize) -> f64 {
         let pairs = self.anomaly_nt.iter().zip(self.anomaly_nt.iter().skip(apart)).enumerate();
         let within = |i: usize| apart != 1 || !(i + 1).is_multiple_of(self.x.len);
         let steps = pairs.filter(|(i, (a, b))| within(*i) && !a.is_nan() && !b.is_nan());
-        // The mean so far, which does not overflow where the sum does.
+        // The running mean does not overflow when the sum does.
         let mean = |(mean, n): (f64, f64), (_, (a, b)): (usize, (&f64, &f64))| {
             let n = n + 1.0;
             (mean + ((a - b).abs() - mean) / n, n)
@@ -129,7 +130,7 @@ impl AnomalyGrid {
 }
 
 impl MapSummary {
-    /// All of it as names, values and units, in display order; unknown values are omitted.
+    /// The summary as names, values and units, in display order; unknown values are omitted.
     pub fn figures(&self) -> Vec<(String, Figure, &'static str)> {
         let (unit, number) = (self.unit, Figure::Number);
         let mut all = vec![

@@ -7,12 +7,12 @@ use numerics::maps::plane_grid::{EvenAxis, PlaneGrid};
 
 use crate::{AnomalyGrid, Crs, Height, ReadError};
 
-/// Survey points in the file's order. Every vector but `lines` has one entry a point.
+/// Survey points in the file's order. Every vector except `lines` has one entry per point.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SurveyPoints {
     /// The projection of eastings and northings.
     pub crs: Crs,
-    /// Eastings, in metres whatever the unit of the projection.
+    /// Eastings, in metres for every unit of the projection.
     pub easting_m: Vec<f64>,
     /// Northings, in metres.
     pub northing_m: Vec<f64>,
@@ -20,15 +20,15 @@ pub struct SurveyPoints {
     pub lat_deg: Vec<f64>,
     /// WGS-84 longitudes, in degrees.
     pub lon_deg: Vec<f64>,
-    /// Heights in metres as the file counts them; NaN where unknown.
+    /// Heights in metres, with the reference of the file; NaN where unknown.
     pub height_m: Vec<f64>,
     /// The values; NaN where missing.
     pub value_nt: Vec<f64>,
-    /// The line of each point, as an index into `lines`; all of one line where the file names none.
+    /// The line of each point, as an index into `lines`; one line for all if the file names none.
     pub line: Vec<u32>,
     /// The names of the lines, in the order in which they first occur.
     pub lines: Vec<String>,
-    /// Further columns of the file that a reduction needs.
+    /// Additional columns of the file for reductions.
     pub extra: Extra,
     /// The row of the file that each point comes from, the first being 0.
     pub row: Vec<u64>,
@@ -36,7 +36,7 @@ pub struct SurveyPoints {
     pub notes: Vec<String>,
 }
 
-/// Columns that a survey may have, one entry a point.
+/// Optional columns of a survey, one entry per point.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Extra {
     /// Seconds past midnight UTC.
@@ -52,15 +52,16 @@ pub struct Extra {
 }
 
 impl SurveyPoints {
-    /// Points at WGS-84 latitudes and longitudes, all finite, on the plane of `to_epsg` or else of their UTM zone. They
-    /// have no values, no heights, one line without a name and nothing else: whoever has these puts them in.
+    /// Points at finite WGS-84 latitudes and longitudes, on the plane of `to_epsg`, by default of their UTM zone. They
+    /// have no values, no heights and one unnamed line; the caller adds these.
     ///
     /// # Errors
-    /// No point, an unknown system or one in degrees, no UTM zone, and points that are no place in the system.
+    /// Fails without points, for an unknown system or one in degrees, without a UTM zone, and for points that are
+    /// invalid in the system.
     pub fn at(lat_deg: Vec<f64>, lon_deg: Vec<f64>, to_epsg: Option<u16>) -> Result<SurveyPoints, ReadError> {
         let nowhere = Path::new("");
         if lat_deg.is_empty() {
-            return Err(ReadError::data(nowhere, "no point has a place"));
+            return Err(ReadError::data(nowhere, "no point has a position"));
         }
         let lon_deg: Vec<f64> = lon_deg.into_iter().map(wrap_deg).collect();
         let crs = plane(nowhere, to_epsg, &lat_deg, &lon_deg)?;
@@ -105,21 +106,21 @@ impl SurveyPoints {
     }
 }
 
-/// The fault of a system in degrees where metres are needed.
+/// The fault of a system in degrees where metres are required.
 pub fn no_metres(path: &Path, crs: &Crs) -> ReadError {
-    let what = format!("EPSG:{} has degrees, not metres", crs.code());
-    ReadError::options(path, what).help("give a projected system for the points to come on")
+    let what = format!("EPSG:{} is in degrees, but points require metres", crs.code());
+    ReadError::options(path, what).help("set a projected coordinate system for the points")
 }
 
-/// The projection that points in degrees come on: the one that is asked for, else their UTM zone.
+/// The projection of points in degrees: the requested one, else their UTM zone.
 ///
 /// # Errors
-/// An unknown system, one in degrees, and points without a UTM zone.
+/// Fails for an unknown system, one in degrees, and points without a UTM zone.
 pub fn plane(path: &Path, to_epsg: Option<u16>, lat: &[f64], lon: &[f64]) -> Result<Crs, ReadError> {
     let crs = match to_epsg {
         Some(code) => Crs::from_epsg(path, code)?,
         None => {
-            // The mean direction, so that a survey across the date line has its middle there.
+            // The mean direction handles a survey across the date line.
             let (sin, cos) =
                 lon.iter().fold((0.0, 0.0), |(s, c), l| (s + l.to_radians().sin(), c + l.to_radians().cos()));
             let middle = lat.iter().sum::<f64>() / lat.len() as f64;
@@ -132,7 +133,7 @@ pub fn plane(path: &Path, to_epsg: Option<u16>, lat: &[f64], lon: &[f64]) -> Res
 /// Eastings and northings in metres of points in degrees.
 ///
 /// # Errors
-/// When more than a hundredth of the points cannot be projected.
+/// Fails if more than 1 % of the points cannot be projected.
 pub fn metres(
     path: &Path,
     crs: &Crs,
@@ -154,12 +155,12 @@ pub fn metres(
         places.1.push(northing * unit_m);
     }
     if let Some(((lat, lon, row), count)) = nowhere {
-        let what = format!("latitude {lat}, longitude {lon} is no place in EPSG:{}", crs.code());
-        // A few are places gone wrong, which can be left out; many are the wrong projection.
+        let what = format!("latitude {lat}, longitude {lon} cannot be projected to EPSG:{}", crs.code());
+        // A few are wrong positions, which can be omitted; many indicate the wrong projection.
         if 100 * count > places.0.len() && count > 1 {
             return Err(ReadError::data(path, what).in_row(row).help("check the EPSG codes"));
         }
-        notes.push(format!("row {row}: {what}; {count} such points are left out"));
+        notes.push(format!("row {row}: {what}; {count} such points are omitted"));
     }
     Ok(places)
 }

@@ -1,9 +1,9 @@
 //! Simulated flights with known truth over a real map.
 //!
-//! A synth spec (TOML) names a map, the INS, the aircraft's sensors and the flights. Every number is
-//! computed from the spec alone: each random draw has its own stream, derived by hashing the seed and
-//! the names of flight, line and sensor, so that the same spec gives the same bytes, and adding a flight
-//! or a sensor changes no other. Flights and lines are simulated in parallel, with few lines in memory.
+//! A synth spec (TOML) names a map, the INS, the aircraft's sensors and the flights. Every number depends on the spec
+//! alone. Each random draw has its own stream, derived by hashing the seed and the names of flight, line and sensor.
+//! The same spec therefore gives the same bytes, and adding a flight or a sensor changes no other. Flights and lines
+//! are simulated in parallel, with few lines in memory.
 //!
 //! Heights are above the WGS-84 ellipsoid throughout; a map whose height is above sea level is treated as
 //! if it were above the ellipsoid, in the simulation as in navigation.
@@ -179,7 +179,7 @@ pub fn synthesise_with(
     let schema = simulation.schema();
     let names: Vec<_> = simulation.spec.flights.iter().map(|f| f.name.clone()).collect();
     if let Some(name) = names.iter().find(|n| !n.chars().all(|c| c.is_alphanumeric() || "._-".contains(c))) {
-        return Err(ReadError::options(spec, format!("the flight `{name}` cannot be the name of a file")));
+        return Err(ReadError::options(spec, format!("the flight name `{name}` is not a valid file name")));
     }
     std::fs::create_dir_all(to).map_err(|e| ReadError::io(to, &e))?;
     let all = simulation.spec.flights.iter().map(|f| f.lines.len()).sum();

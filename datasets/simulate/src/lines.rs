@@ -1,8 +1,8 @@
 //! The simulation of lines in their order, some of them in parallel.
 //!
-//! Only the INS of a line depends on the lines before it in its flight. So the truth of the next lines comes first,
-//! then the field and the sensors of each in parallel with the INS of each flight: the numbers are those of one line
-//! after another.
+//! Only the INS of a line depends on earlier lines of its flight. The truth of the next lines is therefore computed
+//! first, then the field and the sensors of each in parallel with the INS of each flight. The results equal those of a
+//! sequential simulation.
 
 use std::{collections::VecDeque, sync::Arc};
 
@@ -34,7 +34,7 @@ impl Lines {
         Lines { world, left, at_once: at_once.max(1), ins: None, ready: VecDeque::new() }
     }
 
-    /// Simulates the next lines. Nothing comes after one that fails.
+    /// Simulates the next lines, up to the first that fails.
     fn advance(&mut self) -> Result<(), ReadError> {
         let world = self.world.clone();
         let (path, spec) = (&world.simulation.path, &world.simulation.spec);

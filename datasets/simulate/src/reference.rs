@@ -13,7 +13,7 @@ use crate::{
     trajectory::{air, spec as trajectory},
 };
 
-/// The page, with `{{NAME}}` where the keys of a table go.
+/// The template of the page, with `{{NAME}}` for the keys of a table.
 const PAGE: &str = include_str!("reference/page.md");
 
 /// The reference of the synth spec, as Markdown.
@@ -60,7 +60,7 @@ fn table(name: &str, docs: &[ParamDoc]) -> String {
     format!("### `{name}`\n\n{}", keys(docs))
 }
 
-/// The kinds that a table can be, each with its own keys.
+/// The kinds of a table, each with its own keys.
 fn variants<T: crate::reading::variant::Varied>(lists: &Lists) -> String {
     let mut out = String::new();
     for kind in lists.get::<Variant<T>>().iter().flat_map(|kinds| kinds.all()) {

@@ -1,4 +1,4 @@
-//! What a line is simulated from.
+//! The inputs of the simulation of a line.
 
 use std::path::Path;
 

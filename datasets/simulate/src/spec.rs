@@ -1,4 +1,4 @@
-//! The synth spec: what is simulated.
+//! The synth spec, checked.
 
 use std::path::Path;
 
@@ -18,17 +18,17 @@ use crate::{
 /// A synth spec, checked.
 #[derive(Clone, Debug)]
 pub struct Spec {
-    /// Where every random draw begins.
+    /// Seed of all random draws.
     pub seed: u64,
     /// Calendar year and day of the year, UTC.
     pub date: (i32, u32),
-    /// Samples a second.
+    /// Sampling rate.
     pub rate_hz: f64,
-    /// What is switched off.
+    /// Components that are switched off.
     pub components: Components,
-    /// Standard deviation of the attitude's small motions in roll, pitch and yaw, in degrees.
+    /// Standard deviation of small motions in roll, pitch and yaw, in degrees.
     pub gusts_deg: [f64; 3],
-    /// Wind, turbulence and what the aircraft can.
+    /// Wind, turbulence and the performance of the aircraft.
     pub air: Air,
     /// The INS.
     pub ins: Ins,
@@ -44,7 +44,7 @@ impl Spec {
     /// Reads a spec.
     ///
     /// # Errors
-    /// All that is wrong with it at once, each fault with file, line and column.
+    /// Fails with all faults of the spec, each with file, line and column.
     pub fn read(path: &Path) -> Result<Spec, ReadError> {
         let text = std::fs::read_to_string(path).map_err(|e| ReadError::io(path, &e))?;
         let root = DeTable::parse(&text).map_err(|e| {
@@ -57,7 +57,7 @@ impl Spec {
         let spec = spec(&section, path.parent().unwrap_or(Path::new("")));
         section.finish();
         let mut found = std::mem::take(&mut *faults.borrow_mut());
-        // As the file has them, whatever was checked first; those of one place in the order in which they were found.
+        // In the order of the file; faults at the same place in the order of the checks.
         found.sort_by_key(|fault| fault.at.as_ref().map_or(0, |at| at.start));
         if found.is_empty() { Ok(spec) } else { Err(ReadError::spec(path, &text, &found)) }
     }
@@ -66,17 +66,17 @@ impl Spec {
 params! {
     /// The keys of the spec itself.
     pub struct RootKeys, all default;
-    /// Where every random draw begins.
+    /// Seed of all random draws.
     seed: usize, unit "", default 0usize;
     /// Calendar year, UTC.
     year: usize, unit "", default 2020usize, rule Rule::Between(1900.0, 2030.0);
     /// Day of the year.
     doy: usize, unit "", default 1usize, rule Rule::Between(1.0, 366.0);
-    /// Samples a second.
+    /// Sampling rate.
     rate_hz: f64, unit "Hz", default 10.0, rule Rule::Between(0.1, 1000.0);
-    /// Standard deviation of the attitude's small motions in roll, pitch and yaw.
+    /// Standard deviation of small motions in roll, pitch and yaw, which leave the track unchanged.
     gusts_deg: [f64; 3], unit "deg", default [0.0; 3], rule Rule::Between(0.0, 20.0);
-    /// Whether each part of each reading is a column of its own, `part_<part>_<column>`.
+    /// Writes each part of each reading as a column `part_<part>_<column>`.
     component_columns: bool, unit "", default false;
 }
 

@@ -370,7 +370,8 @@ fn gold_faults_of_a_spec_are_told_at_once_with_their_place() {
 #[test]
 fn unit_faults_are_in_the_order_of_the_file_those_between_keys_too() {
     let folder = TempDir::new().unwrap();
-    // A day that the year does not have, and a height and a depth at once, are found after the keys of the tables below them.
+    // A day that the year does not have, and a height and a depth at once, are found after the keys of the tables below
+    // them.
     let text = "seed = 1\nyear = 2021\ndoy = 366\nrate_hs = 10.0\n[[sources]]\nlat = -22.0\nlon = 140.6\ndepth_m = 1.0\n\
                 alt_m = -1.0\nmoment_am2 = 1.0\n[ins]\ngrade = 'navigatoin'\n[[flights]]\nname = '1'\n\
                 [[flights.lines]]\nname = '1.1'\nkind = 'bok'\nalt_m = 500\n";
@@ -396,7 +397,7 @@ fn gold_lines_that_cannot_be_flown() {
         simulation.into_lines(1).find_map(Result::err).unwrap().to_string()
     };
     let low = first(&spec_text("", &SHORT.replace("alt_m = 500.0", "alt_m = 100.0")));
-    assert!(low.ends_with("the map is 500 m high, above the line's 100 m (fly at the map's height or above)"), "{low}");
+    assert!(low.ends_with("the map's height, 500 m, is above the line's height, 100 m (raise `alt_m` of the line to the map's height or above)"), "{low}");
     let away = first(&spec_text("", &SHORT.replace("[-22.05, 140.6]", "[-22.05, 149.6]")));
     assert!(away.contains("flight A, line A.1: leaves the known map after 0.0 s, at -22.05000, 149.60000"), "{away}");
     let gone = spec_text("", SHORT).replace("osborne_anomaly_100m_at_500m.tif", "gone.tif");
@@ -481,7 +482,7 @@ fn law_copies_of_a_flight_have_draws_of_their_own() {
     assert_eq!(column(first, "tt"), column(second, "tt"), "the plan is the same");
     let error = |line: &RecordBatch| column(line, "ins_lat")[100] - column(line, "lat")[100];
     assert!(error(first) != error(second), "the INS is not");
-    // A flight of the same name, told by itself, has the same draws: copies are nothing but names.
+    // A single flight with the name of a copy has the same draws: a copy depends only on its name.
     let alone = lines(&written(&folder, &spec_text("", &SHORT.replace("name = 'A'\n", "name = 'A-2'\n"))));
     assert_eq!(column(&alone[0], "ins_lat"), column(second, "ins_lat"));
     let field = |line: &RecordBatch| column(line, "mag_2_uc").to_vec();

@@ -1,5 +1,5 @@
-//! The direction of an observatory's horizontal components against that of the IGRF, which finds units and baselines that
-//! a file states wrongly.
+//! Comparison of the direction of an observatory's horizontal components with the IGRF, which detects wrong units and
+//! baselines.
 
 use std::path::Path;
 
@@ -11,13 +11,13 @@ use numerics::{
 use super::iaga2002::{Kind, ObservatoryRecord};
 use crate::ReadError;
 
-/// A sample as it was converted, and the angles that went into it.
+/// A converted sample, and the angles used in its conversion.
 pub(super) struct Sighting {
     /// North, east and down, nT.
     pub(super) ned_nt: [f64; 3],
-    /// The declination that was added to that of the sample, or to which H points.
+    /// The declination that was added to that of the sample, or the direction of H.
     pub(super) baseline_rad: f64,
-    /// The declination of the sample without its baseline, where it has the component D.
+    /// The declination of the sample without its baseline, if it has the component D.
     pub(super) own_rad: Option<f64>,
     /// A baseline of the header that was not added.
     pub(super) unused_rad: Option<f64>,
@@ -29,13 +29,14 @@ pub(super) struct Sighting {
 
 /// Horizontal intensity below which the declination is too uncertain for a comparison, nT.
 const LEAST_HORIZONTAL_NT: f64 = 2000.0;
-/// Component across the IGRF's meridian that a unit or a baseline is sought for, nT; the crust has less at most stations.
+/// Component normal to the IGRF's meridian above which a wrong unit or baseline is assumed, nT. The crustal anomaly is
+/// smaller at most stations.
 const ACROSS_NT: f64 = 250.0;
-/// The same of a note without an explanation, nT.
+/// Component normal to the IGRF's meridian above which a note without an explanation is made, nT.
 const REMARKABLE_NT: f64 = 1000.0;
-/// Fraction of the component across that may remain for an explanation to hold.
+/// Maximum fraction of that component that remains with a valid explanation.
 const EXPLAINED: f64 = 0.25;
-/// Difference of inclinations that is more than a local anomaly, degrees.
+/// Difference of inclinations that exceeds a local anomaly, degrees.
 const DIP_DEG: f64 = 10.0;
 
 /// The text after `DECBAS` in a comment of a header.
@@ -45,18 +46,18 @@ pub(super) fn baseline_of(comment: &str) -> Option<&str> {
     starts.then(|| comment.get(LABEL.len()..).unwrap_or("").trim_start_matches([':', '=', ' ', '\t']))
 }
 
-/// Compares a sample of a record with the IGRF at its place and date, where both are known. A record whose components
-/// are relative to an unknown zero loses north and east, with a note.
+/// Compares a sample of a record with the IGRF at its position and date, if both are known. If the components of a
+/// record are relative to an unknown baseline, north and east become unknown, with a note.
 ///
 /// # Errors
-/// Fails where a declination or an inclination is that of the IGRF only in another unit or with another baseline.
+/// Fails if a declination or an inclination agrees with the IGRF only in another unit or with another baseline.
 pub(super) fn check(path: &Path, record: &mut ObservatoryRecord, sighting: &Sighting) -> Result<(), ReadError> {
     let Some(igrf) = igrf(record, sighting.date) else { return Ok(()) };
     let magnitude = |v: &[f64; 3]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
     let (found, expected) = (magnitude(&sighting.ned_nt), magnitude(&igrf));
     if found < 0.5 * expected {
-        let what = "the components are relative to values that the file does not give";
-        let mut note = format!("{what}: their magnitude is {found:.0} nT, that of the IGRF is {expected:.0} nT");
+        let what = "the components are relative to base values that the file lacks";
+        let mut note = format!("{what}: their magnitude is {found:.0} nT, but the IGRF gives {expected:.0} nT");
         if matches!(sighting.kind, Kind::Hdz(_) | Kind::Dif(_)) {
             disoriented(record);
             note += "; `field_n` and `field_e` are unknown: add the base value of each component to its column";
@@ -83,17 +84,16 @@ pub(super) fn check(path: &Path, record: &mut ObservatoryRecord, sighting: &Sigh
     if let Some((what, remedy)) =
         explanation(sighting, found_rad, |rad| across_nt(rad) < ACROSS_NT.min(EXPLAINED * across))
     {
-        let what =
-            format!("{what}: the declination would be {found_deg:.2} deg, that of the IGRF is {igrf_deg:.2} deg");
+        let what = format!("{what}: the declination would be {found_deg:.2} deg, but the IGRF gives {igrf_deg:.2} deg");
         return Err(ReadError::data(path, what).help(remedy));
     }
     if across < REMARKABLE_NT {
         return Ok(());
     }
-    let compared = format!("the declination would be {found_deg:.2} deg, that of the IGRF is {igrf_deg:.2} deg");
+    let compared = format!("the declination would be {found_deg:.2} deg, but the IGRF gives {igrf_deg:.2} deg");
     if sighting.baseline_rad == 0.0 && !matches!(sighting.kind, Kind::Xyz(_)) {
         disoriented(record);
-        let remedy = "give the baseline of the declination in the header (`DECBAS`, tenths of minutes of arc)";
+        let remedy = "set the baseline of the declination in the header (`DECBAS`, tenths of minutes of arc)";
         record.notes.push(format!("{compared}: `field_n` and `field_e` are unknown; {remedy}"));
     } else {
         record.notes.push(format!("{compared}: check the orientation of `field_n` and `field_e`"));
@@ -101,21 +101,21 @@ pub(super) fn check(path: &Path, record: &mut ObservatoryRecord, sighting: &Sigh
     Ok(())
 }
 
-/// The cause of a wrong declination and its remedy, where `fits` accepts the declination without it.
+/// The cause of a wrong declination and its remedy, if `fits` accepts the declination without the cause.
 fn explanation(
     sighting: &Sighting,
     found_rad: f64,
     fits: impl Fn(f64) -> bool,
 ) -> Option<(&'static str, &'static str)> {
-    const DECBAS: &str = "correct `DECBAS` in the header: it is in tenths of minutes of arc";
+    const DECBAS: &str = "correct `DECBAS` in the header; its unit is tenths of minutes of arc";
     let Sighting { baseline_rad: base, own_rad, unused_rad, .. } = *sighting;
     let without = found_rad - base;
     let of_own = own_rad.and_then(|own| {
         if fits(60.0 * own + base) {
-            return Some(("D is in degrees", "give D in minutes of arc: 60 times the values"));
+            return Some(("D is in degrees", "convert D to minutes of arc: multiply by 60"));
         }
         let unused = unused_rad.filter(|unused| fits(own + unused));
-        unused.map(|_| ("D is relative to `DECBAS`", "give the `Data Type` `variation` in the header"))
+        unused.map(|_| ("D is relative to `DECBAS`", "set `Data Type` to `variation` in the header"))
     });
     if of_own.is_some() || base == 0.0 {
         return of_own;
@@ -128,11 +128,11 @@ fn explanation(
     }
     let twice = own_rad.filter(|own| fits(*own));
     twice.map(|_| {
-        ("D is the whole declination, and the baseline counts twice", "set the baseline of D to 0 in the header")
+        ("D is the full declination, so the baseline is added twice", "set the baseline of D to 0 in the header")
     })
 }
 
-/// Refuses an inclination in degrees.
+/// Rejects an inclination in degrees.
 fn check_dip(path: &Path, sighting: &Sighting, igrf: &[f64; 3]) -> Result<(), ReadError> {
     if !matches!(sighting.kind, Kind::Dif(_)) {
         return Ok(());
@@ -141,8 +141,8 @@ fn check_dip(path: &Path, sighting: &Sighting, igrf: &[f64; 3]) -> Result<(), Re
     let (found, expected) = (dip_deg(&sighting.ned_nt), dip_deg(igrf));
     if (found - expected).abs() > DIP_DEG && (60.0 * found - expected).abs() < DIP_DEG {
         let what =
-            format!("I is in degrees: the inclination would be {found:.2} deg, that of the IGRF is {expected:.2} deg");
-        return Err(ReadError::data(path, what).help("give D and I in minutes of arc: 60 times the values"));
+            format!("I is in degrees: the inclination would be {found:.2} deg, but the IGRF gives {expected:.2} deg");
+        return Err(ReadError::data(path, what).help("convert D and I to minutes of arc: multiply by 60"));
     }
     Ok(())
 }
@@ -154,7 +154,7 @@ fn disoriented(record: &mut ObservatoryRecord) {
     }
 }
 
-/// North, east and down of the IGRF at a station, nT; `None` where place or date are unknown or outside of the model.
+/// North, east and down of the IGRF at a station, nT; `None` if position or date is unknown or outside the model.
 fn igrf(record: &ObservatoryRecord, (year, doy): (i32, u32)) -> Option<[f64; 3]> {
     if !(record.lat_deg.abs() <= 90.0 && record.lon_deg.abs() <= 360.0) {
         return None;
@@ -207,12 +207,12 @@ mod tests {
         unknown(read(DEFINITIVE, "HEZF", hez).unwrap(), &words);
         unknown(read(&format!("{VARIATION} # DECBAS 99999 |\n"), "HEZF", hez).unwrap(), &words);
         let hdz = "20050.00 5.14 44000.00 48400.00";
-        unknown(read(VARIATION, "HDZF", hdz).unwrap(), &["D is relative", "`# DECBAS 0` where D is the whole"]);
+        unknown(read(VARIATION, "HDZF", hdz).unwrap(), &["D is relative", "`# DECBAS 0` if D is the full"]);
         unknown(read("", "HDZF", hdz).unwrap(), &["D is relative", "unknown"]);
         unknown(read(" # DECBAS 2622 |\n", "HDZF", hdz).unwrap(), &["D may be relative", "Data Type"]);
         // A baseline of 0 contradicts the IGRF.
         let zero = format!("{VARIATION} # DECBAS 0 |\n");
-        unknown(read(&zero, "HEZF", hez).unwrap(), &["would be 0.09 deg, that of the IGRF is 4.37", "unknown"]);
+        unknown(read(&zero, "HEZF", hez).unwrap(), &["would be 0.09 deg, but the IGRF gives 4.37", "unknown"]);
     }
 
     #[test]
@@ -236,7 +236,10 @@ mod tests {
     fn bug_a_unit_or_a_baseline_that_is_wrong_is_named() {
         let said = |header: &str, components: &str, row: &str| read(header, components, row).unwrap_err().to_string();
         let degrees = said(DEFINITIVE, "HDZF", "20050.02 4.456 44000 48400");
-        assert!(degrees.contains("D is in degrees: the declination would be 0.07 deg") && degrees.contains("60 times"));
+        assert!(
+            degrees.contains("D is in degrees: the declination would be 0.07 deg")
+                && degrees.contains("multiply by 60")
+        );
         let degrees = said(DEFINITIVE, "DIFS", "4.456 65.502 48352.4 48400.0");
         assert!(degrees.contains("I is in degrees: the inclination would be 1.09 deg"), "{degrees}");
         let base = |tenths: &str| format!("{VARIATION} # DECBAS {tenths} |\n");
@@ -244,7 +247,7 @@ mod tests {
         assert!(said(&base("4.37"), "HEZF", hez).contains("`DECBAS` is in degrees"));
         assert!(said(&base("262.2"), "HEZF", hez).contains("`DECBAS` is in minutes of arc"));
         let whole = "20050.02 267.344 44000 48400";
-        assert!(said(&base("2622"), "HDZF", whole).contains("the baseline counts twice"));
+        assert!(said(&base("2622"), "HDZF", whole).contains("the baseline is added twice"));
         let relative = format!("{DEFINITIVE} # DECBAS 2622 |\n");
         assert!(said(&relative, "HDZF", "20050.02 5.144 44000 48400").contains("D is relative to `DECBAS`"));
         let reported = said(" Reported HDZF |\n Data Type definitive |\n", "XYZF", "19989 1558 44000 48400");
@@ -252,13 +255,13 @@ mod tests {
         let station = said(" IAGA CODE DEF |\n Data Type definitive |\n", "XYZF", "19989 1558 44000 48400");
         assert!(station.contains("the station ABC and the station DEF"), "{station}");
         let short = said(DEFINITIVE, "XYZF", "19989 1558 44000");
-        assert!(short.contains("3 values for the 4 columns in line 8"), "{short}");
+        assert!(short.contains("there are 3 values instead of 4 in line 8"), "{short}");
     }
 
     #[test]
     fn bug_components_relative_to_an_unknown_value_are_noted() {
         let xyz = read(VARIATION, "XYZF", "12.00 -3.00 5.00 48400.00").unwrap();
-        assert!(xyz.notes[0].contains("their magnitude is 13 nT, that of the IGRF is 48") && xyz.ned_nt[0][0] == 12.0);
+        assert!(xyz.notes[0].contains("their magnitude is 13 nT, but the IGRF gives 48") && xyz.ned_nt[0][0] == 12.0);
         let hdz = read(&format!("{VARIATION} # DECBAS 2622 |\n"), "HDZF", "12.00 5.00 5.00 48400.00").unwrap();
         assert!(hdz.notes[0].contains("`field_n` and `field_e` are unknown") && hdz.ned_nt[0][0].is_nan());
         // Sensor axes under the names of geographic ones.
@@ -296,8 +299,8 @@ mod tests {
         // Colatitude 42.1 and longitude 15.9 deg.
         is(day("002622", "514").unwrap(), 19_989.4, 1_557.7);
         is(day("000000", "26734").unwrap(), 19_989.4, 1_557.7);
-        unknown(day("000000", "514").unwrap(), &["that of the IGRF is 4.3", "`DECBAS`"]);
+        unknown(day("000000", "514").unwrap(), &["but the IGRF gives 4.3", "`DECBAS`"]);
         let twice = day("002622", "26734").unwrap_err().to_string();
-        assert!(twice.contains("the baseline counts twice"), "{twice}");
+        assert!(twice.contains("the baseline is added twice"), "{twice}");
     }
 }

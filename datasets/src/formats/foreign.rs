@@ -1,13 +1,13 @@
-//! Formats that are not read, by the first bytes of their files: what a file is, and how to bring it into one that is read.
+//! Formats that magline does not read, identified by their first bytes, each with its name and the required conversion.
 
 use super::Head;
 use crate::ReadError;
 
-/// Where a signature is, its bytes, what it is of, and the remedy.
+/// Position of a signature, its bytes, the name of the format, and the remedy.
 type Signature = (usize, &'static [u8], &'static str, &'static str);
 
-const UNPACK: &str = "unpack it, and give the file inside";
-const EXPORT: &str = "export the data as GeoTIFF, NetCDF, GXF, CSV or Parquet, and give that";
+const UNPACK: &str = "unpack it and use the file inside";
+const EXPORT: &str = "export the data as GeoTIFF, NetCDF, GXF, CSV or Parquet";
 
 const SIGNATURES: &[Signature] = &[
     (0, b"%PDF", "a PDF document", EXPORT),
@@ -33,9 +33,9 @@ const SIGNATURES: &[Signature] = &[
     (0, b"SQLite format 3\0", "an SQLite database, such as a GeoPackage", EXPORT),
     (0, b"ARROW1\0\0", "an Arrow IPC or Feather file", "write it as Parquet"),
     (0, b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", "a document of a Microsoft Office program", EXPORT),
-    (0, b"\x89PNG\r\n\x1a\n", "a PNG picture", "give the grid that the picture was made of"),
-    (0, b"\xff\xd8\xff", "a JPEG picture", "give the grid that the picture was made of"),
-    (0, b"GIF8", "a GIF picture", "give the grid that the picture was made of"),
+    (0, b"\x89PNG\r\n\x1a\n", "a PNG picture", "use the grid from which the picture was made"),
+    (0, b"\xff\xd8\xff", "a JPEG picture", "use the grid from which the picture was made"),
+    (0, b"GIF8", "a GIF picture", "use the grid from which the picture was made"),
     (0, b"version https://git-lfs", "a pointer of Git LFS, not the file itself", "fetch it with `git lfs pull`"),
     (0, b"\xff\xfe", "text in UTF-16", "save it as UTF-8"),
     (0, b"\xfe\xff", "text in UTF-16", "save it as UTF-8"),
@@ -45,7 +45,7 @@ const SIGNATURES: &[Signature] = &[
     (0, b"{\\rtf", "a document in RTF", EXPORT),
 ];
 
-/// The kind of a file, and the remedy; `None` where its start is not known.
+/// The kind of a file, and the remedy; `None` if its first bytes are unknown.
 fn known(head: &Head) -> Option<(&'static str, &'static str)> {
     let holds = |name: &str| head.path.is_dir() && head.path.join(name).is_file();
     if holds("hdr.adf") {
@@ -83,8 +83,8 @@ fn known(head: &Head) -> Option<(&'static str, &'static str)> {
     ))
 }
 
-/// Whether the start is that of a Geosoft grid: bytes to an element (1024 more of a compressed one), its sign, counts
-/// and ordering, then the geometry in double precision, and 512 bytes in all. [Geosoft, GRD file format]
+/// Whether the first bytes are those of a Geosoft grid: bytes per element (plus 1024 if compressed), its sign, counts
+/// and ordering, then the geometry in double precision, 512 bytes in total. [Geosoft, GRD file format]
 fn geosoft(head: &Head) -> bool {
     let word = |i: usize| Some(i32::from_le_bytes(head.bytes.get(4 * i..4 * i + 4)?.try_into().ok()?));
     let real = |i: usize| Some(f64::from_le_bytes(head.bytes.get(20 + 8 * i..28 + 8 * i)?.try_into().ok()?));
@@ -101,7 +101,7 @@ fn geosoft(head: &Head) -> bool {
     found().unwrap_or(false)
 }
 
-/// The error of a file in a format that is not read but known; `None` where it is not known.
+/// The error of a file in a known format that magline does not read; `None` for an unknown format.
 pub(super) fn refused(head: &Head) -> Option<ReadError> {
     known(head).map(|(what, help)| ReadError::data(head.path, format!("the file is {what}")).help(help))
 }

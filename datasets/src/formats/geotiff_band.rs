@@ -1,4 +1,4 @@
-//! The values of a TIFF's band, with NaN where its no-data value, alpha band or mask says that a cell is unknown.
+//! The values of a TIFF's band, with NaN for nodes that its no-data value, alpha band or mask marks as unknown.
 //! [TIFF 6.0, NewSubfileType, ExtraSamples; GDAL, tag 42113]
 
 use std::{
@@ -28,7 +28,7 @@ pub(super) fn decoder(path: &Path) -> Result<Reader, ReadError> {
     limited(path, BufReader::new(file), bytes)
 }
 
-/// A damaged size must not exhaust memory: a size that the file cannot hold is rejected.
+/// Rejects a size that the file cannot hold, so that a damaged size does not exhaust memory.
 fn limited<R: Read + Seek>(path: &Path, from: R, bytes: u64) -> Result<Decoder<R>, ReadError> {
     let mut limits = Limits::default();
     let most = Limit::new(bytes).most_here();
@@ -39,7 +39,7 @@ fn limited<R: Read + Seek>(path: &Path, from: R, bytes: u64) -> Result<Decoder<R
 }
 
 pub(super) fn damaged(path: &Path, error: &tiff::TiffError) -> ReadError {
-    ReadError::data(path, format!("not a whole TIFF file that can be read: {error}"))
+    ReadError::data(path, format!("the TIFF file is incomplete or unsupported: {error}"))
 }
 
 /// The values as stored, NaN where unknown, and the number of further images of full size.
@@ -53,7 +53,7 @@ pub(super) fn values(path: &Path, decoder: &mut Reader) -> Result<(Vec<f64>, usi
     let inverted = decoder.find_tag_unsigned::<u16>(Tag::PhotometricInterpretation).ok().flatten() == Some(0);
     let samples = samples(path, decoder)?;
     let planar = decoder.find_tag_unsigned::<u16>(Tag::PlanarConfiguration).ok().flatten() == Some(2);
-    // The directories of the file are looked at where there is more than the band.
+    // The directories of the file are examined only if there is more than the band.
     let directories = if decoder.more_images() || inverted { directories(&bytes_of(path)?) } else { vec![] };
     let mut image = if inverted { plain_image(path, 0)? } else { image(path, decoder)? };
     let alpha = (samples == 2).then(|| image.split(planar));
@@ -84,7 +84,7 @@ fn samples<R: Read + Seek>(path: &Path, decoder: &mut Decoder<R>) -> Result<usiz
         ColorType::Gray(_) => Ok(1),
         // Associated or unassociated alpha.
         ColorType::GrayA(_) | ColorType::Multiband { num_samples: 2, .. } if matches!(extra[..], [1 | 2]) => Ok(2),
-        _ => Err(ReadError::data(path, format!("a map has one band; this is {colour:?}"))
+        _ => Err(ReadError::data(path, format!("a map must have one band, not {colour:?}"))
             .help("keep one band, for example with `gdal_translate -b 1`")),
     }
 }
@@ -96,12 +96,12 @@ fn image<R: Read + Seek>(path: &Path, decoder: &mut Decoder<R>) -> Result<Sample
     let mut result = DecodingResult::U8(vec![]);
     let layout = decoder.read_image_to_buffer(&mut result).map_err(|e| damaged(path, &e))?;
     if result.as_buffer(0).byte_len() < layout.complete_len {
-        return Err(ReadError::data(path, "the planes of the file do not fit its size"));
+        return Err(ReadError::data(path, "the planes of the file do not match its size"));
     }
     Ok(Samples(result))
 }
 
-/// The samples of an image as they are stored: the decoder inverts where white is zero, and reads no mask.
+/// The stored samples of an image. The decoder would invert a white-is-zero image and does not read masks.
 fn plain_image(path: &Path, index: usize) -> Result<Samples, ReadError> {
     let mut bytes = bytes_of(path)?;
     let found = directories(&bytes).get(index).map(|d| d.black_is_zero(&mut bytes));
@@ -131,10 +131,10 @@ fn mask(path: &Path, index: usize, width: usize, height: usize) -> Result<Vec<bo
     }
     let bits = match decoder.colortype().map_err(failed)? {
         ColorType::Gray(bits @ (1 | 8)) => bits,
-        other => return Err(wrong(format!("is {other:?}, not one of 1 or 8 bits"))),
+        other => return Err(wrong(format!("must have 1 or 8 bits, not {other:?}"))),
     };
     let DecodingResult::U8(cells) = image(path, &mut decoder)?.0 else {
-        return Err(wrong("is not of bits".to_owned()));
+        return Err(wrong("must have 1 or 8 bits".to_owned()));
     };
     if bits == 8 {
         return Ok(cells.iter().map(|c| *c > 0).collect());
@@ -149,12 +149,12 @@ fn mask(path: &Path, index: usize, width: usize, height: usize) -> Result<Vec<bo
 /// Whether each cell is known, by a mask that is a file.
 ///
 /// # Errors
-/// Fails for a file that is no mask of this size.
+/// Fails for a file that is not a mask of this size.
 pub(super) fn mask_of(path: &Path, width: usize, height: usize) -> Result<Vec<bool>, ReadError> {
     guarded(path, || mask(path, 0, width, height))
 }
 
-/// Every second sample, or the second half where samples are stored by planes: what is taken out.
+/// Every second sample, or the second half if samples are stored by planes; these are removed.
 fn split<T: Copy>(all: &mut Vec<T>, planar: bool) -> Vec<T> {
     if planar {
         return all.split_off(all.len() / 2);
@@ -211,8 +211,8 @@ impl Samples {
             DecodingResult::U16(v) => v.into_iter().map(|x| known(f64::from(x))).collect(),
             DecodingResult::U32(v) => v.into_iter().map(|x| known(f64::from(x))).collect(),
             _ => {
-                let what = "the band's values are of a kind that is not read";
-                return Err(ReadError::data(path, what).help("write Float32"));
+                let what = "the data type of the band is not supported";
+                return Err(ReadError::data(path, what).help("convert the band to Float32"));
             }
         })
     }

@@ -8,7 +8,7 @@ use crate::grid::AxisUnit;
 pub(super) const GDAL_METADATA: Tag = Tag::Unknown(42112);
 /// Whether coordinates are geographic (2) or projected (1).
 pub(super) const MODEL_TYPE: u16 = 1024;
-/// Whether a value is that of its cell (1) or of its node (2).
+/// Whether the map is pixel-registered (1) or grid-registered (2).
 pub(super) const RASTER_TYPE: u16 = 1025;
 /// The EPSG code of a geographic system.
 pub(super) const GEOGRAPHIC_CODE: u16 = 2048;
@@ -19,7 +19,7 @@ pub(super) const ANGULAR_UNIT: u16 = 2054;
 pub(super) const LINEAR_UNIT: u16 = 3076;
 pub(super) const LINEAR_UNIT_SIZE: u16 = 3077;
 
-/// Units of length by their EPSG code: a name, and metres to a unit.
+/// Units of length by their EPSG code: a name, and metres per unit.
 const LENGTHS: [(u16, &str, f64); 11] = [
     (9001, "m", 1.0),
     (9002, "ft", 0.3048),
@@ -34,7 +34,7 @@ const LENGTHS: [(u16, &str, f64); 11] = [
     (1033, "cm", 0.01),
 ];
 
-/// Units of angles by their EPSG code, and degrees to a unit.
+/// Units of angles by their EPSG code, and degrees per unit.
 const ANGLES: [(u16, f64); 6] = [
     (9101, 180.0 / std::f64::consts::PI),
     (9102, 1.0),

@@ -1,4 +1,5 @@
-//! GDAL's metadata in a GeoTIFF: an XML text of items, some of which describe the band. [GDAL, "GTiff driver", tag 42112]
+//! GDAL's metadata in a GeoTIFF: an XML text of items, some of which describe the band. [GDAL, "GTiff driver", tag
+//! 42112]
 
 use std::path::Path;
 
@@ -32,7 +33,7 @@ impl<'a> Metadata<'a> {
         };
         let mut items = vec![];
         for part in xml.split("<Item").skip(1) {
-            let (head, rest) = part.split_once('>').ok_or_else(|| broken("is cut short"))?;
+            let (head, rest) = part.split_once('>').ok_or_else(|| broken("is truncated"))?;
             let attribute = |name: &str| {
                 let (_, rest) = head.split_once(&format!(" {name}="))?;
                 let quote = rest.chars().next().filter(|c| ['"', '\''].contains(c))?;
@@ -42,7 +43,7 @@ impl<'a> Metadata<'a> {
             let sample = attribute("sample").map(|s| s.trim().parse::<u16>());
             items.push(Item {
                 name: attribute("name").unwrap_or_default(),
-                sample: sample.transpose().map_err(|_| broken("names a band that is not a number"))?,
+                sample: sample.transpose().map_err(|_| broken("has a band that is not a number"))?,
                 role: attribute("role").unwrap_or_default(),
                 text: unescaped(text.trim()),
             });
@@ -75,14 +76,14 @@ impl<'a> Metadata<'a> {
                 Err(ReadError::data(self.path, format!("the {role} of the band (tag 42112) {what}")).help(help))
             };
             if item.sample.is_none() || item.role.is_empty() {
-                return wrong("does not name its band and role".to_owned());
+                return wrong("lacks its band and role".to_owned());
             }
             if found.next().is_some() {
                 return wrong("is given twice".to_owned());
             }
             match item.text.parse::<f64>().ok().filter(|x| x.is_finite() && (role == "offset" || *x != 0.0)) {
                 Some(number) => *value = number,
-                None => return wrong(format!("is `{}`, which defines no value", item.text)),
+                None => return wrong(format!("must be a valid number, not `{}`", item.text)),
             }
         }
         Ok(packing)
@@ -120,15 +121,15 @@ mod tests {
         let entry = |sample: &str, role: &str, text: &str| format!("<Item name=\"SCALE\"{sample}{role}>{text}</Item>");
         let (sample, role) = (" sample=\"0\"", " role=\"scale\"");
         for (items, what) in [
-            (entry(sample, role, "0,05"), "is `0,05`, which defines no value"),
-            (entry(sample, role, ""), "is ``, which defines no value"),
-            (entry(sample, role, "0"), "is `0`, which defines no value"),
-            (entry(sample, role, "nan"), "is `nan`, which defines no value"),
-            (entry("", role, "2"), "does not name its band and role"),
-            (entry(sample, "", "2"), "does not name its band and role"),
+            (entry(sample, role, "0,05"), "must be a valid number, not `0,05`"),
+            (entry(sample, role, ""), "must be a valid number, not ``"),
+            (entry(sample, role, "0"), "must be a valid number, not `0`"),
+            (entry(sample, role, "nan"), "must be a valid number, not `nan`"),
+            (entry("", role, "2"), "lacks its band and role"),
+            (entry(sample, "", "2"), "lacks its band and role"),
             (entry(sample, role, "2").repeat(2), "is given twice"),
-            (entry(" sample=\"a\"", role, "2"), "names a band that is not a number"),
-            ("<Item name=\"SCALE\" sample=\"0\"".to_owned(), "does not name its band and role"),
+            (entry(" sample=\"a\"", role, "2"), "has a band that is not a number"),
+            ("<Item name=\"SCALE\" sample=\"0\"".to_owned(), "lacks its band and role"),
         ] {
             let fault = packing(&items).unwrap_err();
             assert!(fault.contains(what), "{items}: {fault}");

@@ -6,7 +6,7 @@ use super::output::{Outputs, Sink};
 use crate::ReadError;
 use grids::{AnomalyGrid, Height};
 
-/// The value of blank nodes in Surfer's grids, which is also any larger value.
+/// The value of blank nodes in Surfer's grids; all larger values are blank too.
 pub(super) const SURFER_BLANK: f64 = 1.701_41e38;
 
 /// The whole of a text file.
@@ -29,20 +29,20 @@ pub(super) fn bytes_of(path: &Path) -> Result<Vec<u8>, ReadError> {
     std::fs::read(path).map_err(|e| ReadError::io(path, &e))
 }
 
-/// The number of nodes, where a file of this many bytes can hold them with at least `least` bytes each.
+/// The number of nodes, if the file is large enough for them at `least` bytes or more each.
 ///
 /// # Errors
-/// Fails for counts below two, or more nodes than there are bytes for.
+/// Fails for counts below two, and for more nodes than the bytes can hold.
 pub(super) fn nodes(path: &Path, columns: i64, rows: i64, least: u64, bytes: u64) -> Result<(usize, usize), ReadError> {
     let size = |n: i64| usize::try_from(n).ok().filter(|n| *n >= 2);
     let (Some(width), Some(height)) = (size(columns), size(rows)) else {
-        return Err(ReadError::data(path, format!("a map needs 2 x 2 cells or more, not {columns} x {rows}")));
+        return Err(ReadError::data(path, format!("a map requires at least 2 x 2 nodes, not {columns} x {rows}")));
     };
     let needed = (width as u64).checked_mul(height as u64).and_then(|n| n.checked_mul(least));
     match needed.filter(|n| *n <= bytes) {
         Some(_) => Ok((width, height)),
         None => {
-            let what = format!("the file is cut short: {width} x {height} cells declared, {bytes} bytes found");
+            let what = format!("the file is truncated: it declares {width} x {height} nodes but has {bytes} bytes");
             Err(ReadError::data(path, what))
         }
     }
@@ -65,7 +65,7 @@ pub(super) fn numbers<'a>(
     if values.len() == count {
         return Ok(values);
     }
-    Err(ReadError::data(path, format!("the file is cut short: {} of {count} values found", values.len())))
+    Err(ReadError::data(path, format!("the file is truncated: it has {} of {count} values", values.len())))
 }
 
 fn not_a_number(path: &Path, word: &str, at: usize) -> ReadError {
@@ -97,7 +97,8 @@ impl<'a> Fields<'a> {
                 Ok(taken)
             }
             None => {
-                let what = format!("the file is cut short: {count} bytes expected, {} found", self.bytes.len());
+                let what =
+                    format!("the file is truncated: it should have {count} more bytes, but has {}", self.bytes.len());
                 Err(ReadError::data(self.path, what))
             }
         }
@@ -105,7 +106,7 @@ impl<'a> Fields<'a> {
 
     fn array<const N: usize>(&mut self) -> Result<[u8; N], ReadError> {
         let taken = self.take(N)?;
-        taken.try_into().map_err(|_| ReadError::data(self.path, "the file is cut short"))
+        taken.try_into().map_err(|_| ReadError::data(self.path, "the file is truncated"))
     }
 
     pub(super) fn i16(&mut self) -> Result<i16, ReadError> {
@@ -171,7 +172,7 @@ pub(super) fn range(values: &[f64]) -> (f64, f64) {
     (known().fold(f64::INFINITY, f64::min), known().fold(f64::NEG_INFINITY, f64::max))
 }
 
-/// The one height of a map, in a format that stores only one.
+/// The height of a level map, for a format that stores a single height.
 ///
 /// # Errors
 /// Fails for heights that vary.
@@ -179,9 +180,9 @@ pub(super) fn level_m(outputs: &Outputs, map: &AnomalyGrid, format: &str) -> Res
     match map.height {
         Height::Level(alt_m) => Ok(alt_m),
         Height::Cells(_) => {
-            let what = format!("the map's height varies, which `{format}` cannot hold");
+            let what = format!("the height of the map varies, which `{format}` cannot store");
             Err(ReadError::options(outputs.path(), what)
-                .help("write parquet, netcdf, xyz or magnav_hdf5, or reduce the map to one level first"))
+                .help("write parquet, netcdf, xyz or magnav_hdf5, or continue the map to one level first"))
         }
     }
 }

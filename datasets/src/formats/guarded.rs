@@ -1,4 +1,4 @@
-//! Decoders of others over bytes that may be damaged.
+//! Third-party decoders on bytes that may be damaged.
 
 use std::{
     cell::Cell,
@@ -9,8 +9,8 @@ use std::{
 
 use crate::ReadError;
 
-/// Runs a third-party decoder over bytes that may be damaged, and turns a panic into an error. The panic's own message goes
-/// nowhere.
+/// Runs a third-party decoder on bytes that may be damaged, and converts a panic to an error. The panic's message is
+/// discarded.
 pub(crate) fn guarded<T>(path: &Path, decode: impl FnOnce() -> Result<T, ReadError>) -> Result<T, ReadError> {
     static HOOK: Once = Once::new();
     HOOK.call_once(|| {

@@ -1,4 +1,4 @@
-//! Access to HDF5 files, with every damage as an error; shared by the flight and map readers.
+//! Access to HDF5 files, which reports all damage as errors; shared by the flight and map readers.
 
 use std::{
     collections::BTreeMap,
@@ -23,7 +23,7 @@ use super::{
 };
 use crate::ReadError;
 
-/// What every HDF5 file starts with.
+/// The first bytes of every HDF5 file.
 pub(super) const MAGIC: &[u8] = b"\x89HDF\r\n\x1a\n";
 
 /// An HDF5 file with data sets at its root.
@@ -33,10 +33,10 @@ pub(super) struct Hdf5 {
     names: Vec<String>,
     groups: Vec<String>,
     limit: Arc<Limit>,
-    /// Whether NetCDF wrote the file, whose default fill values are then missing ones.
+    /// Whether NetCDF wrote the file; its default fill values then mark missing values.
     netcdf: bool,
     notes: Arc<Mutex<Vec<String>>>,
-    /// Where the HDF5 data begin in the file.
+    /// Start of the HDF5 data in the file.
     base: u64,
 }
 
@@ -64,7 +64,7 @@ impl Hdf5 {
     pub(super) fn open(path: &Path) -> Result<Hdf5, ReadError> {
         let bytes = std::fs::metadata(path).map_err(|e| ReadError::io(path, &e))?.len();
         let (root, groups, names, base) = guarded(path, || {
-            // Plain reads, not a memory map: a file cut short while it is read is then an error.
+            // Plain reads instead of a memory map report a file that is truncated during reading as an error.
             let storage: DynStorage = Arc::new(FileStorage::open(path).map_err(|e| damaged(path, &e))?);
             let most = Limit::new(bytes).most_here();
             let options = OpenOptions::default()
@@ -72,12 +72,12 @@ impl Hdf5 {
                 .with_max_chunk_bytes(most)
                 .with_max_read_bytes(most);
             let file = Hdf5File::from_storage_with_options(storage, options).map_err(|e| damaged(path, &e))?;
-            // Counted from the start of the file, a block of the user's before the data included.
+            // Counted from the start of the file, including a user block before the data.
             let declared = file.superblock().eof_address;
             if declared > bytes {
                 return Err(ReadError::data(
                     path,
-                    format!("the file is cut short: it has {bytes} of {declared} bytes"),
+                    format!("the file is truncated: it has {bytes} of {declared} bytes"),
                 ));
             }
             let root = file.root_group().map_err(|e| damaged(path, &e))?;
@@ -131,7 +131,7 @@ impl Hdf5 {
     /// The data set `name`, or an error that names it.
     pub(super) fn need(&self, name: &str) -> Result<Values, ReadError> {
         if !self.has(name) {
-            let what = format!("holds no data set `{name}`");
+            let what = format!("the file holds no data set `{name}`");
             return Err(ReadError::data(&self.path, what).nearest(name, &self.names));
         }
         guarded(&self.path, || {
@@ -164,14 +164,14 @@ pub(super) struct Values {
     /// Rows first.
     pub(super) shape: Vec<u64>,
     set: Dataset,
-    /// Where the values are in a layout that the reader does not know.
+    /// Position of the values in a layout that the reader does not support.
     early: Option<Early>,
-    /// The conversion of the stored numbers, where attributes describe one.
+    /// The conversion of the stored numbers, if attributes describe one.
     storage: Option<Storage>,
     notes: Arc<Mutex<Vec<String>>>,
 }
 
-/// The storage of a data set of numbers; `None` where they are the values.
+/// The storage of a data set of numbers; `None` if no conversion is needed.
 fn storage(path: &Path, name: &str, set: &Dataset, netcdf: bool) -> Result<Option<Storage>, ReadError> {
     let Some(kind) = kind_of(set.dtype()) else { return Ok(None) };
     let (all, mut found) = (set.attributes(), BTreeMap::new());
@@ -203,7 +203,7 @@ fn numbers_of(attribute: &hdf5_reader::Attribute) -> Option<Vec<f64>> {
     Some(of_kind!(&attribute.datatype, numbers, return None))
 }
 
-/// The type of numbers as NetCDF names it; `None` of what is no number.
+/// NetCDF's name of a numeric type; `None` for other types.
 fn kind_of(of: &Datatype) -> Option<NcType> {
     Some(match of {
         Datatype::FloatingPoint { size: 8, .. } => NcType::Double,
@@ -283,14 +283,13 @@ impl Values {
             }
             Some(Early::Contiguous(at)) => self.read_early(at, rows),
             Some(Early::Other) => {
-                let error =
-                    self.damaged("is in a layout of before HDF5 1.6.3 that is not contiguous, which is not read");
-                Err(error.help("write the file anew with a later version of MATLAB or of the HDF5 library"))
+                let error = self.damaged("has a non-contiguous layout of HDF5 before 1.6.3, which is not supported");
+                Err(error.help("rewrite the file with a later version of MATLAB or the HDF5 library"))
             }
         }
     }
 
-    /// Numbers that stand `at` bytes into the file, one after another.
+    /// Contiguous numbers that start `at` bytes into the file.
     fn read_early(&self, at: u64, rows: Option<Range<u64>>) -> Result<Vec<f64>, ReadError> {
         let kind = self.set.dtype();
         let (Datatype::FloatingPoint { size, byte_order } | Datatype::FixedPoint { size, byte_order, .. }) = kind
@@ -305,7 +304,7 @@ impl Values {
             let mut file = File::open(&self.path).ok()?;
             bytes(&mut file, at.checked_add(from)?, usize::try_from(to.checked_sub(from)?).ok()?)
         };
-        let raw = read().ok_or_else(|| self.damaged("its values are beyond the end of the file"))?;
+        let raw = read().ok_or_else(|| self.damaged("its values lie beyond the end of the file"))?;
         macro_rules! numbers {
             ($t:ty) => {
                 raw.chunks_exact(size_of::<$t>())
@@ -346,6 +345,6 @@ impl Values {
 fn damaged(path: &Path, error: &hdf5_reader::error::Error) -> ReadError {
     match error {
         hdf5_reader::error::Error::Io(e) => ReadError::io(path, e),
-        e => ReadError::data(path, format!("not a whole HDF5 file: {e}")),
+        e => ReadError::data(path, format!("the file is not a complete HDF5 file: {e}")),
     }
 }

@@ -1,6 +1,6 @@
-//! Data sets in the layout of HDF5 before 1.6.3: versions 1 and 2 of the data layout message, which the first MATLAB 7.3 files have
-//! and `hdf5-reader` 0.12 looks for at the wrong place. Contiguous ones are read here; the others are errors that say so.
-//! [The HDF Group, HDF5 File Format Specification 3.0, IV.A.1.a and IV.A.2.i]
+//! Data sets in the layout of HDF5 before 1.6.3: versions 1 and 2 of the data layout message, which the first MATLAB
+//! 7.3 files have. `hdf5-reader` 0.12 searches them at the wrong position. Contiguous data sets are read; others are
+//! errors. [The HDF Group, HDF5 File Format Specification 3.0, IV.A.1.a and IV.A.2.i]
 
 use std::{
     fs::File,
@@ -8,14 +8,14 @@ use std::{
     path::Path,
 };
 
-/// Messages of a header, and blocks of them, that are read.
+/// Maximum number of messages of a header, and of their blocks.
 const MOST: usize = 4096;
 /// The largest block of messages, bytes.
 const BLOCK: u64 = 1 << 20;
 const LAYOUT: u16 = 0x0008;
 const CONTINUATION: u16 = 0x0010;
 
-/// Where the values of a data set are.
+/// Position of the values of a data set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Early {
     /// One block, this many bytes from the start of the file.
@@ -24,8 +24,8 @@ pub(super) enum Early {
     Other,
 }
 
-/// The values of the data set whose header is `header` bytes after `base`, the start of the HDF5 data in the file, where its
-/// layout is an early one. `None` for any other, and for a header that is damaged, which the reader reports.
+/// The values of a data set with an early layout, whose header is `header` bytes after `base`, the start of the HDF5
+/// data in the file. `None` for any other layout, and for a damaged header, which the reader reports.
 pub(super) fn early(path: &Path, base: u64, header: u64) -> Option<Early> {
     let mut file = File::open(path).ok()?;
     let first = bytes(&mut file, base.checked_add(header)?, 16)?;
@@ -59,7 +59,7 @@ pub(super) fn early(path: &Path, base: u64, header: u64) -> Option<Early> {
     None
 }
 
-/// Version, dimensions, class, five bytes that mean nothing, and an address.
+/// Version, dimensions, class, five reserved bytes, and an address.
 fn layout(body: &[u8], base: u64) -> Option<Early> {
     match (body.first()?, body.get(2)?) {
         (1 | 2, 1) => Some(Early::Contiguous(base.checked_add(u64_at(body, 8)?)?)),
@@ -104,7 +104,8 @@ mod tests {
     };
     use crate::FlightOptions;
 
-    /// The layout of the data set of MATLAB 7.4: its header is 0x3d0 bytes after the HDF5 data begin, the layout message 80 on.
+    /// The layout of the data set of MATLAB 7.4: its header is 0x3d0 bytes after the HDF5 data begin, the layout
+    /// message 80 on.
     const HEADER: u64 = 0x3d0;
 
     #[test]
@@ -118,12 +119,12 @@ mod tests {
         let folder = tempfile::TempDir::new().unwrap();
         let path = folder.path().join("x.mat");
         let at = whole.windows(8).position(|w| w == [2, 3, 1, 0, 0, 0, 0, 0]).unwrap();
-        // In chunks: an error that says what to do, not numbers.
+        // In chunks: an error with a remedy, not numbers.
         let mut chunked = whole.clone();
         chunked[at + 2] = 2;
         fs::write(&path, &chunked).unwrap();
         let said = read(&path, &FlightOptions::default()).unwrap_err().to_string();
-        assert!(said.contains("testdouble") && said.contains("before HDF5 1.6.3"), "{said}");
+        assert!(said.contains("testdouble") && said.contains("HDF5 before 1.6.3"), "{said}");
         // Beyond the end of the file.
         let mut far = whole;
         far[at + 8 + 5] = 1;

@@ -14,7 +14,7 @@ use crate::ReadError;
 
 pub(super) const FORMAT: FlightFormat = FlightFormat {
     name: "iaga2002",
-    about: "observatory records, IAGA-2002: a flight is a station, a line a day",
+    about: "observatory records, IAGA-2002: a station is a flight, a day a line",
     extensions: &["sec", "min"],
     recognise: |head| {
         head.first_line().is_some_and(|line| {
@@ -27,9 +27,9 @@ pub(super) const FORMAT: FlightFormat = FlightFormat {
     made_from: None,
 };
 
-/// Values of this size and more mark missing (99999) or not observed (88888) values.
+/// Values of this size and larger mark missing (99999) or unobserved (88888) components.
 const MISSING: f64 = 88_880.0;
-/// Departure of a time stamp from its even time, as a fraction of the step.
+/// Maximum deviation of a time stamp from its even time, as a fraction of the step.
 const EVENNESS: f64 = 0.01;
 
 /// The record of an observatory at even times.
@@ -43,17 +43,17 @@ pub struct ObservatoryRecord {
     pub lon_deg: f64,
     /// Its height above the sea; NaN where the header has none.
     pub msl_m: f64,
-    /// The components as the file has them, such as `HDZF`.
+    /// The components in the file, such as `HDZF`.
     pub components: String,
     /// Year and day of the year of the first sample, UTC.
     pub date: (i32, u32),
     /// The first sample's time, in seconds past that day's midnight.
     pub start_tt_s: f64,
-    /// The time from sample to sample.
+    /// Sampling interval.
     pub step_s: f64,
     /// North, east and down in nT at each step; NaN where one is missing.
     pub ned_nt: Vec<[f64; 3]>,
-    /// The total field in nT at each step, as the scalar magnetometer has it; NaN where it is missing.
+    /// The total field of the scalar magnetometer in nT at each step; NaN where missing.
     pub total_nt: Vec<f64>,
     /// Notes for the user, such as the reason why north and east are unknown.
     pub notes: Vec<String>,
@@ -80,7 +80,7 @@ pub(super) enum Kind {
 }
 
 impl Kind {
-    /// The conversion of columns with these letters; `None` where they do not form a vector.
+    /// The conversion of columns with these letters; `None` if they do not form a vector.
     pub(super) fn of(letters: &[char]) -> Option<Kind> {
         let columns = |wanted: [char; 3]| {
             let mut found = wanted.iter().filter_map(|w| letters.iter().position(|l| l == w));
@@ -93,7 +93,7 @@ impl Kind {
         xyz.or_else(hdz).or_else(hez).or_else(dif)
     }
 
-    /// North, east and down of a line's values; `baseline_rad` is the declination to which the others are relative.
+    /// North, east and down of a line's values; `baseline_rad` is the declination to which horizontal components refer.
     pub(super) fn ned_nt(self, values: &[f64], baseline_rad: f64) -> [f64; 3] {
         let pick = |columns: [usize; 3]| columns.map(|c| values.get(c).copied().unwrap_or(f64::NAN));
         let minutes = |arc: f64| (arc / 60.0).to_radians();
@@ -117,13 +117,14 @@ impl Kind {
         }
     }
 
-    /// The declination of a line's values without its baseline, in radians; `None` of a vector without the component D.
+    /// The declination of a line's values without its baseline, in radians; `None` for a vector without the component
+    /// D.
     pub(super) fn own_declination_rad(self, values: &[f64]) -> Option<f64> {
         let (Kind::Hdz([_, column, _]) | Kind::Dif([column, ..])) = self else { return None };
         values.get(column).map(|arc| (arc / 60.0).to_radians())
     }
 
-    /// Whether north and east depend on a baseline, where D, if there is one, is `relative` to it.
+    /// Whether north and east depend on a baseline. `relative` states whether D, if present, is relative to it.
     fn needs_baseline(self, relative: Option<bool>) -> bool {
         match self {
             Kind::Xyz(_) => false,
@@ -154,10 +155,10 @@ struct Head {
     lat_deg: f64,
     lon_deg: f64,
     msl_m: f64,
-    /// Whether D is relative to a baseline; `None` of a data type that does not say so.
+    /// Whether D is relative to a baseline; `None` for a data type that does not determine it.
     relative: Option<bool>,
     baseline_rad: Option<f64>,
-    /// The components that the header says are reported.
+    /// The reported components in the header.
     reported: String,
     kind: Option<(Kind, String)>,
 }
@@ -170,8 +171,8 @@ struct Head {
 /// NaN.
 ///
 /// # Errors
-/// Fails for a file that is not an IAGA-2002 record, for a line that cannot be read, for samples that are not at
-/// even times, and for a header that contradicts its columns or the IGRF by the factor of a unit.
+/// Fails for a file that is not an IAGA-2002 record, a line that cannot be read, samples at uneven times, and a header
+/// that contradicts its columns or the IGRF by the factor of a unit.
 pub fn read_iaga2002(path: &Path) -> Result<ObservatoryRecord, ReadError> {
     let bytes = std::fs::read(path).map_err(|e| ReadError::io(path, &e))?;
     parse(path, &String::from_utf8_lossy(&bytes))
@@ -198,11 +199,14 @@ pub(super) fn parse(path: &Path, text: &str) -> Result<ObservatoryRecord, ReadEr
         }
         let wrong = |what: &str| ReadError::data(path, format!("{what} in line {}", row + 1));
         let Some((kind, letters)) = &head.kind else {
-            return Err(ReadError::data(path, "not an IAGA-2002 record: it has no line `DATE TIME DOY ...`"));
+            return Err(ReadError::data(
+                path,
+                "the file is not an IAGA-2002 record: it lacks the line `DATE TIME DOY ...`",
+            ));
         };
-        let (date, values) = sample(line).ok_or_else(|| wrong("a date, a time or a component cannot be read"))?;
+        let (date, values) = sample(line).ok_or_else(|| wrong("the date, the time or a component is invalid"))?;
         if values.len() != letters.len() {
-            return Err(wrong(&format!("there are {} values for the {} columns", values.len(), letters.len())));
+            return Err(wrong(&format!("there are {} values instead of {}", values.len(), letters.len())));
         }
         let (first_year, first_doy) = *first_day.get_or_insert((date.0, date.1));
         let days = days_between((first_year, first_doy), (date.0, date.1));
@@ -258,8 +262,8 @@ impl Head {
         let number = |text: &str| text.split_whitespace().next().and_then(|t| t.parse::<f64>().ok());
         if let Some(code) = value_of("IAGA CODE") {
             if !self.station.is_empty() && self.station != code {
-                let what = format!("holds the station {} and the station {code}", self.station);
-                return Err(ReadError::data(path, what).help("put each station into a file of its own"));
+                let what = format!("the file holds the station {} and the station {code}", self.station);
+                return Err(ReadError::data(path, what).help("split the file by station"));
             }
             self.station = code.to_owned();
         } else if let Some(lat) = value_of("Geodetic Latitude") {
@@ -267,7 +271,7 @@ impl Head {
         } else if let Some(lon) = value_of("Geodetic Longitude") {
             self.lon_deg = number(lon).unwrap_or(f64::NAN);
         } else if let Some(elevation) = value_of("Elevation") {
-            // What marks a missing value is no height.
+            // The marker of a missing value is not a height.
             self.msl_m = number(elevation).filter(|m| m.abs() < 9_999.0).unwrap_or(f64::NAN);
         } else if let Some(kind) = value_of("Data Type") {
             self.relative = is_relative(kind);
@@ -282,12 +286,14 @@ impl Head {
             let text: String = letters.iter().collect();
             let kind = Kind::of(&letters).ok_or_else(|| {
                 let what = format!("the components {text} do not form a vector");
-                ReadError::data(path, what).help("a record needs XYZ, HDZ, HEZ or DIF")
+                ReadError::data(path, what).help("a record requires XYZ, HDZ, HEZ or DIF")
             })?;
             let reported = Kind::of(&self.reported.chars().collect::<Vec<char>>());
             if reported.is_some_and(|said| discriminant(&said) != discriminant(&kind)) {
                 let what = format!("`Reported` is {}, but the columns are {}", self.reported, names.join(", "));
-                return Err(ReadError::data(path, what).help("correct the one of the two that is wrong"));
+                return Err(
+                    ReadError::data(path, what).help("correct the header line `Reported` or the names of the columns")
+                );
             }
             self.kind = Some((kind, text));
         }
@@ -297,7 +303,7 @@ impl Head {
     /// The baseline to add to the declination, in radians.
     ///
     /// # Errors
-    /// The note for the user, where north and east need a baseline that the header does not give.
+    /// Returns a note for the user if north and east require a baseline that the header lacks.
     fn baseline(&self, kind: Kind) -> Result<f64, String> {
         if !kind.needs_baseline(self.relative) {
             return Ok(0.0);
@@ -305,24 +311,24 @@ impl Head {
         let (what, remedy) = match (kind, self.baseline_rad, self.relative) {
             (Kind::Hez(_), Some(baseline), _) | (_, Some(baseline), Some(_)) => return Ok(baseline),
             (Kind::Hez(_), None, _) => (
-                "H and E are relative to a direction that the file does not give",
+                "H and E are relative to a direction that the file lacks",
                 "add the declination of H to the header, as `# DECBAS <tenths of minutes of arc, east>`",
             ),
             (_, None, _) => (
-                "D is relative to a direction that the file does not give",
+                "D is relative to a direction that the file lacks",
                 "add the zero of D to the header, as `# DECBAS <tenths of minutes of arc, east>`; \
-                 `# DECBAS 0` where D is the whole declination",
+                 use `# DECBAS 0` if D is the full declination",
             ),
             (_, Some(_), None) => (
-                "D may be relative to `DECBAS` or the whole declination",
-                "give the `Data Type` in the header: `variation` where D is relative, `definitive` where it is not",
+                "D may be relative to `DECBAS` or the full declination",
+                "set `Data Type` in the header: `variation` if D is relative, else `definitive`",
             ),
         };
         Err(format!("{what}: `field_n` and `field_e` are unknown; {remedy}"))
     }
 }
 
-/// Whether D of a data type is relative to a baseline; `None` of an unknown type.
+/// Whether D of a data type is relative to a baseline; `None` for an unknown type.
 fn is_relative(data_type: &str) -> Option<bool> {
     const TYPES: [(&str, bool); 9] = [
         ("var", true),
@@ -357,20 +363,20 @@ fn sample(line: &str) -> Option<((i32, u32, f64), Vec<f64>)> {
     Some(((year, doy, seconds), values.filter(|v| v.len() >= 3)?))
 }
 
-/// Days from one date to another, each a year and a day of it.
+/// Days between two dates, each given by year and day of the year.
 pub(super) fn days_between(from: (i32, u32), to: (i32, u32)) -> i64 {
     let whole = |a: i32, b: i32| (a..b).map(|year| i64::from(days_in_year(year))).sum::<i64>();
     whole(from.0, to.0) - whole(to.0, from.0) + i64::from(to.1) - i64::from(from.1)
 }
 
-/// The step of the samples, and their values at every step, NaN where there is none.
+/// The step of the samples, and their values at every step; NaN without a sample.
 ///
 /// # Errors
-/// Fails for samples that do not ascend in time, or are not at even times.
+/// Fails for samples that do not ascend in time or are at uneven times.
 pub(super) fn even(path: &Path, samples: &[Sample]) -> Result<(f64, Vec<[f64; 4]>), ReadError> {
-    /// Steps that every record may have: a month of seconds.
+    /// Maximum steps of any record: a month of seconds.
     const FREE: f64 = 3e6;
-    /// Steps to a sample beyond that: the others are gaps.
+    /// Additional steps per sample; the others are gaps.
     const MOST: f64 = 256.0;
     let step_s = samples.windows(2).map(|pair| pair[1].0 - pair[0].0).fold(f64::INFINITY, f64::min);
     let (Some(first), Some(last)) = (samples.first(), samples.last()) else { return Ok((1.0, vec![])) };
@@ -379,19 +385,18 @@ pub(super) fn even(path: &Path, samples: &[Sample]) -> Result<(f64, Vec<[f64; 4]
     }
     let steps = (last.0 - first.0) / step_s;
     if step_s.is_nan() || step_s <= 0.0 {
-        return Err(ReadError::data(path, "the samples of the record do not ascend in time"));
+        return Err(ReadError::data(path, "the times of the record do not ascend in time"));
     }
     if steps > FREE.max(MOST * samples.len() as f64) {
         let what = format!("the record has {} samples in {steps:.0} steps of {step_s} s", samples.len());
-        return Err(ReadError::data(path, what).help("split it where a gap is long"));
+        return Err(ReadError::data(path, what).help("split the record at long gaps"));
     }
     let mut out = vec![[f64::NAN; 4]; steps.round() as usize + 1];
     for (tt_s, values) in samples {
         let place = (tt_s - first.0) / step_s;
         let node = place.round();
         if (place - node).abs() > EVENNESS {
-            let what =
-                format!("the samples are not at even times: one is {tt_s} s past midnight, in steps of {step_s} s");
+            let what = format!("the sample at {tt_s} s past midnight is not a multiple of the step of {step_s} s");
             return Err(ReadError::data(path, what));
         }
         if let Some(slot) = out.get_mut(node as usize) {
@@ -476,11 +481,11 @@ mod tests {
     fn gold_records_that_are_none() {
         let said = |rows: &str| record(["X", "Y", "Z", "F"], rows).unwrap_err().to_string();
         let wrong = said("2024-13-31 23:58:00.000 366  1.0 2.0 3.0 4.0\n");
-        assert!(wrong.contains("a date, a time or a component cannot be read in line 7"), "{wrong}");
+        assert!(wrong.contains("the date, the time or a component is invalid in line 7"), "{wrong}");
         assert!(said("").contains("the IAGA-2002 record has no samples"));
         let apart = "2024-01-01 00:00:00.000 001 1.0 2.0 3.0 4.0\n2024-01-01 00:01:00.000 001 1.0 2.0 3.0 4.0\n\
                      2024-01-01 00:02:30.000 001 1.0 2.0 3.0 4.0\n";
-        assert!(said(apart).contains("not at even times: one is 150 s past midnight, in steps of 60 s"));
+        assert!(said(apart).contains("the sample at 150 s past midnight is not a multiple of the step of 60 s"));
         let twice = "2024-01-01 00:01:00.000 001 1.0 2.0 3.0 4.0\n2024-01-01 00:01:00.000 001 1.0 2.0 3.0 4.0\n";
         assert!(said(twice).contains("do not ascend in time"));
         let scalar = record(["S", "F", "G", "F"], "").unwrap_err().to_string();

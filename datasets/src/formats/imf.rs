@@ -1,5 +1,5 @@
-//! INTERMAGNET's dissemination format of minute values, IMFV1.22 and 1.23: blocks of an hour, each with a header line and
-//! thirty lines of two minutes. [INTERMAGNET Technical Reference Manual, IMFV1.23 GIN dissemination format]
+//! INTERMAGNET's dissemination format of minute values, IMFV1.22 and 1.23: blocks of an hour, each with a header line
+//! and thirty lines of two minutes. [INTERMAGNET Technical Reference Manual, IMFV1.23 GIN dissemination format]
 
 use std::path::Path;
 
@@ -15,7 +15,7 @@ use crate::ReadError;
 
 pub(super) const FORMAT: FlightFormat = FlightFormat {
     name: "imf",
-    about: "observatory records by the minute, INTERMAGNET IMFV1.22 and 1.23: a flight is a station, a line a day",
+    about: "observatory records by the minute, INTERMAGNET IMFV1.22 and 1.23: a station is a flight, a day a line",
     // The extension is the code of the station.
     extensions: &["imf"],
     recognise: |head| head.first_line().is_some_and(|line| Block::of(&line).is_some()),
@@ -24,7 +24,7 @@ pub(super) const FORMAT: FlightFormat = FlightFormat {
     made_from: None,
 };
 
-/// Marks of values that are missing or that no instrument observes, in the digits of the file.
+/// Markers of missing or unobserved values, in the digits of the file.
 const MISSING: [f64; 4] = [999_999.0, 9_999_999.0, 888_888.0, 8_888_888.0];
 const MONTHS: [&str; 12] = ["JAN", "FEB", "MAR", "APR", "MAY", "JUN", "JUL", "AUG", "SEP", "OCT", "NOV", "DEC"];
 const LINES_A_BLOCK: usize = 30;
@@ -34,18 +34,18 @@ struct Block {
     station: String,
     year: i32,
     doy: u32,
-    /// The day of the year as the header counts it.
+    /// The day of the year in the header.
     said_doy: u32,
     hour: u32,
     letters: Vec<char>,
     lat_deg: f64,
     lon_deg: f64,
-    /// Of the declination, tenths of minutes of arc east.
+    /// Baseline of the declination, tenths of minutes of arc east.
     baseline: f64,
 }
 
 impl Block {
-    /// `None` for what is no such header.
+    /// Reads a header; `None` for other lines.
     fn of(line: &str) -> Option<Block> {
         let words: Vec<&str> = line.split_whitespace().collect();
         let [station, date, doy, hour, letters, _, _, place, baseline, ..] = words.as_slice() else { return None };
@@ -71,13 +71,14 @@ impl Block {
     }
 }
 
-/// Reads an IMF file: hours of one day, or of days one after the other, whose components form a vector (HDZF, XYZF or DIF).
+/// Reads an IMF file: hours of one day, or of days one after the other, whose components form a vector (HDZF, XYZF or
+/// DIF).
 ///
 /// The declination is relative to the baseline of its header. Values marked as missing are NaN.
 ///
 /// # Errors
-/// Fails for a file that is not in this format, a line that cannot be read, a block that is cut off, headers that contradict
-/// each other or themselves, and hours that do not follow one another.
+/// Fails for a file that is not in this format, a line that cannot be read, a block that is cut off, headers that
+/// contradict each other or themselves, and hours that do not follow one another.
 pub fn read_imf(path: &Path) -> Result<ObservatoryRecord, ReadError> {
     let bytes = std::fs::read(path).map_err(|e| ReadError::io(path, &e))?;
     parse(path, &String::from_utf8_lossy(&bytes))
@@ -90,14 +91,17 @@ pub(super) fn parse(path: &Path, text: &str) -> Result<ObservatoryRecord, ReadEr
     let mut lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
     while let Some((row, line)) = lines.next() {
         let wrong = |row: usize, what: &str| ReadError::data(path, format!("{what} in line {}", row + 1));
-        let block = Block::of(line).ok_or_else(|| wrong(row, "the header of an hour cannot be read"))?;
+        let block = Block::of(line).ok_or_else(|| wrong(row, "the header of an hour is invalid"))?;
         if block.doy != block.said_doy {
-            return Err(wrong(row, &format!("the date is day {} of its year, not {},", block.doy, block.said_doy)));
+            return Err(wrong(
+                row,
+                &format!("the date is day {} of the year, but the header gives {},", block.doy, block.said_doy),
+            ));
         }
         let kind = Kind::of(&block.letters).ok_or_else(|| wrong(row, "the components do not form a vector"))?;
         let start = first.as_ref().unwrap_or(&block);
         if start.station != block.station || start.letters != block.letters {
-            return Err(wrong(row, "another station or other components begin"));
+            return Err(wrong(row, "the station or the components change"));
         }
         let days = days_between((start.year, start.doy), (block.year, block.doy)) as f64;
         let hour_s = 86_400.0 * days + 3600.0 * f64::from(block.hour);
@@ -106,7 +110,7 @@ pub(super) fn parse(path: &Path, text: &str) -> Result<ObservatoryRecord, ReadEr
             let Some((row, line)) = lines.next() else {
                 return Err(wrong(row, &format!("the file ends after {pair} of {LINES_A_BLOCK} lines of the hour")));
             };
-            let values = values(line).ok_or_else(|| wrong(row, "two minutes of four values cannot be read"))?;
+            let values = values(line).ok_or_else(|| wrong(row, "two minutes of four values each are expected"))?;
             for (minute, digits) in values.chunks_exact(4).enumerate() {
                 let scaled: Vec<f64> = digits.iter().zip(&block.letters).map(|(x, l)| in_unit(*x, *l)).collect();
                 let ned_nt @ [north, east, down] = kind.ned_nt(&scaled, baseline_rad);
@@ -218,12 +222,14 @@ mod tests {
     fn unit_what_is_damaged_is_named_with_its_line() {
         let (text, _) = boulder(3..4);
         let said = |text: &str| parse(Path::new("x"), text).unwrap_err().to_string();
-        assert!(said(&text.replace(" 308 ", " 309 ")).contains("day 308 of its year, not 309, in line 1"));
+        assert!(
+            said(&text.replace(" 308 ", " 309 ")).contains("day 308 of the year, but the header gives 309, in line 1")
+        );
         assert!(said(&text.replace("HDZF", "ABCD")).contains("do not form a vector"));
         let cut: String = text.lines().take(20).map(|line| format!("{line}\n")).collect();
         assert!(said(&cut).contains("ends after 19 of 30 lines"));
         let word = text.lines().nth(1).unwrap().split_whitespace().next().unwrap();
-        assert!(said(&text.replacen(word, "x", 1)).contains("cannot be read in line 2"));
+        assert!(said(&text.replacen(word, "x", 1)).contains("are expected in line 2"));
         assert!(said("hello\n").contains("header of an hour") && said("").contains("no samples"));
         assert!(said(&(text.clone() + &text)).contains("do not ascend"));
     }

@@ -1,4 +1,4 @@
-//! The memory that the declarations of a file may ask for: what a few bytes declare must not exhaust the machine.
+//! Limits of the memory that a file can declare, so that a few bytes cannot exhaust the machine.
 
 use std::{
     collections::BTreeMap,
@@ -8,12 +8,12 @@ use std::{
 
 use crate::ReadError;
 
-/// Decoded bytes that every file may have. Survey lines of an hour have some 10 MB.
+/// Decoded bytes that every file may have. Survey lines of one hour have about 10 MB.
 const FREE: u64 = 256 << 20;
-/// Decoded bytes to a byte of the file beyond that. Measured data reach 2 to 10; a constant column reaches thousands, but is
+/// Additional decoded bytes per byte of the file. Measured data have 2 to 10; a constant column has thousands, but is
 /// one of many.
 const MOST_EXPANSION: u64 = 256;
-/// Columns of a table. The widest surveys have some hundred.
+/// Maximum number of columns of a table. The widest surveys have a few hundred.
 pub(super) const MOST_COLUMNS: usize = 16_384;
 
 /// The decoded bytes that a file may declare.
@@ -25,7 +25,7 @@ pub(super) struct Limit {
 }
 
 impl Limit {
-    /// The limit of a file of this many bytes.
+    /// The limit of a file of `bytes` bytes.
     pub(super) fn new(file: u64) -> Limit {
         Limit { file, parts: Mutex::default() }
     }
@@ -40,7 +40,7 @@ impl Limit {
         usize::try_from(self.most()).unwrap_or(usize::MAX)
     }
 
-    /// Checks the decoded bytes of a file; `None` stands for more than 64 bits can count.
+    /// Checks the decoded bytes of a file; `None` means more than 64 bits can count.
     ///
     /// # Errors
     /// Fails for more bytes than the file may declare.
@@ -51,7 +51,7 @@ impl Limit {
         Err(refused(path, self.excess(declared)))
     }
 
-    /// Checks the decoded bytes of one of several parts of a file, together with those of the parts before.
+    /// Checks the decoded bytes of one of several parts of a file, together with those of earlier parts.
     ///
     /// # Errors
     /// Fails as [`Limit::check`].
@@ -59,7 +59,7 @@ impl Limit {
         self.add(part, declared).map_err(|what| refused(path, what))
     }
 
-    /// Checks the decoded bytes of the next part of a file, together with those of the parts before.
+    /// Checks the decoded bytes of the next part of a file, together with those of earlier parts.
     ///
     /// # Errors
     /// Returns the reason for more bytes than the file may declare.
@@ -83,16 +83,16 @@ impl Limit {
         Ok(())
     }
 
-    /// The reason why a number of bytes is refused.
+    /// The reason for rejecting a number of bytes.
     fn excess(&self, declared: Option<u64>) -> String {
         let declared = declared.map_or_else(|| "more than 18 EB".to_owned(), megabytes);
         let (file, most) = (megabytes(self.file), megabytes(self.most()));
-        format!("declares {declared} of values in a file of {file}; at most {most} are read from a file of this size")
+        format!("declares {declared} of values in a file of {file}; the limit for this file size is {most}")
     }
 }
 
 fn refused(path: &Path, what: String) -> ReadError {
-    ReadError::data(path, what).help("the file is damaged or forged; split real data into several files")
+    ReadError::data(path, what).help("the file is probably damaged; split valid data into several files")
 }
 
 fn megabytes(bytes: u64) -> String {
@@ -108,8 +108,8 @@ pub(super) fn check_columns(path: &Path, columns: usize) -> Result<(), ReadError
     if columns <= MOST_COLUMNS {
         return Ok(());
     }
-    let what = format!("has {columns} columns; at most {MOST_COLUMNS} are read");
-    Err(ReadError::data(path, what).help("keep the columns that are needed, or split the table by columns"))
+    let what = format!("has {columns} columns; the limit is {MOST_COLUMNS}");
+    Err(ReadError::data(path, what).help("keep only the required columns, or split the table by columns"))
 }
 
 #[cfg(test)]
@@ -127,7 +127,7 @@ mod tests {
         assert!(large.check(path, Some(25 << 30)).is_ok() && large.check(path, Some((25 << 30) + 1)).is_err());
         let said = small.check(path, None).unwrap_err().to_string();
         assert!(
-            said.contains("a.h5: declares more than 18 EB of values in a file of 1000 bytes; at most 268 MB"),
+            said.contains("a.h5: declares more than 18 EB of values in a file of 1000 bytes; the limit for this file"),
             "{said}"
         );
         assert!(check_columns(path, MOST_COLUMNS).is_ok() && check_columns(path, MOST_COLUMNS + 1).is_err());

@@ -1,5 +1,5 @@
-//! The simple flights of MagNav.jl (`XYZ0`, `XYZ1`): the columns that are derived where a file lacks them. Shared by
-//! the HDF5 and the CSV reader.
+//! The simple flights of MagNav.jl (`XYZ0`, `XYZ1`): derivation of columns that a file lacks. Shared by the HDF5 and
+//! the CSV reader.
 
 use std::path::Path;
 
@@ -13,13 +13,13 @@ use crate::{
 /// The required columns.
 pub(super) const NEEDED: [&str; 3] = ["lat", "lon", "alt"];
 
-/// The whole flight with the contract's columns. Where they are not in the file,
+/// The whole flight with the canonical columns. Missing columns are derived:
 ///
 /// - flight and line are `1`, as in MagNav.jl,
 /// - `vn`, `ve`, `vd` and the same with `ins_` are differences of the positions on the ellipsoid,
 /// - `ins_fn`, `ins_fe`, `ins_fd` are differences of the INS velocity, with Coriolis and gravity.
 ///
-/// The truth's specific force (`fn`, `fe`, `fd`), where a file has it, is kept under its own name.
+/// The true specific force (`fn`, `fe`, `fd`) keeps its name if a file has it.
 ///
 /// Faults of single rows are returned with the table.
 pub(super) fn finish(
@@ -30,7 +30,7 @@ pub(super) fn finish(
     let mut faults = vec![];
     for name in NEEDED {
         if !table.has(name) {
-            return Err(ReadError::data(path, "a MagNav.jl flight needs this column").in_column(name));
+            return Err(ReadError::data(path, "a MagNav.jl flight requires this column").in_column(name));
         }
     }
     push_motion(&mut table, "");

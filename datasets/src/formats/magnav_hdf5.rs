@@ -39,7 +39,7 @@ fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadEr
     let latitude = options.rename.iter().find(|(own, to)| *to == "lat" && file.has(own)).map_or("lat", |(own, _)| own);
     let rows = file.need(latitude)?.shape.first().copied().unwrap_or(0);
     if rows == 0 {
-        return Err(ReadError::data(path, "holds no samples").in_column("lat"));
+        return Err(ReadError::data(path, "the file holds no samples").in_column("lat"));
     }
     let (mut table, missing) = (Table::default(), Missing::of(options));
     let mut own = vec![];
@@ -49,7 +49,7 @@ fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadEr
             continue;
         }
         if set.shape != [rows] {
-            return Err(set.damaged(&format!("holds {} values where `lat` has {rows}", set.shape[0])));
+            return Err(set.damaged(&format!("has {} values, but `lat` has {rows}", set.shape[0])));
         }
         let named = named(path, &[name], None, options)?;
         let counted = if named.name == "ins_tt" { "s" } else { "" };
@@ -82,7 +82,7 @@ fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadEr
 fn push_attitude(table: &mut Table, prefix: &str, file: &Hdf5, name: &str, rows: u64) -> Result<(), ReadError> {
     let set = file.need(name)?;
     if set.shape != [rows, 3, 3] {
-        return Err(set.damaged(&format!("has the shape {:?}, not [{rows}, 3, 3]", set.shape)));
+        return Err(set.damaged(&format!("must have the shape [{rows}, 3, 3], not {:?}", set.shape)));
     }
     let all = set.all()?;
     let mut angles = [vec![], vec![], vec![]];
@@ -99,7 +99,7 @@ fn push_attitude(table: &mut Table, prefix: &str, file: &Hdf5, name: &str, rows:
     Ok(())
 }
 
-/// Positions in radians move 57 times too slowly for the velocities in the file.
+/// Rejects positions in radians, which change 57 times too slowly for the velocities in the file.
 pub(super) fn refuse_radians(path: &Path, table: &Table) -> Result<(), ReadError> {
     let columns = ["tt", "lat", "lon", "alt", "vn", "ve"].map(|n| table.numbers(n));
     let [Some(tt), Some(lat_deg), Some(lon_deg), Some(alt_m), Some(vn), Some(ve)] = columns else { return Ok(()) };
@@ -107,7 +107,8 @@ pub(super) fn refuse_radians(path: &Path, table: &Table) -> Result<(), ReadError
     let speed = |n: &[f64], e: &[f64]| n.iter().zip(e).map(|(n, e)| n.hypot(*e)).filter(|s| s.is_finite()).sum::<f64>();
     let (moved, said) = (speed(&north, &east), speed(vn, ve));
     if said > 20.0 * moved && lat_deg.iter().all(|x| x.abs() < 1.6) && lon_deg.iter().all(|x| x.abs() < 3.2) {
-        let what = "latitudes and longitudes are in radians, as MagNav.jl writes simulated flights; degrees are needed";
+        let what =
+            "latitudes and longitudes must be in degrees; this file has radians, as MagNav.jl writes simulated flights";
         return Err(ReadError::data(path, what).in_column("lat").help("convert the angles to degrees"));
     }
     Ok(())

@@ -42,7 +42,7 @@ fn given() -> MapOptions {
     MapOptions { epsg: Some(32630), alt_m: Some(300.0), ..MapOptions::default() }
 }
 
-/// Reads a map from bytes under the name of a file; a panic is told with the bytes that made it.
+/// Reads a map from bytes under the name of a file; a panic is reported with the bytes that caused it.
 fn outcome(folder: &TempDir, name: &str, bytes: &[u8], what: &str) -> Result<AnomalyGrid, String> {
     let file = Path::new(name).file_name().unwrap();
     let path = folder.path().join(file);
@@ -87,7 +87,7 @@ fn unit_a_map_cut_short_anywhere_is_an_error() {
         let end = if is_text(name) { whole.trim_ascii_end().len() } else { whole.len() };
         for length in (0..end.saturating_sub(slack)).step_by(step) {
             let read = outcome(&folder, name, &whole[..length], &format!("{length} bytes"));
-            assert!(read.is_err(), "{name}: {length} of {} bytes were taken for the whole", whole.len());
+            assert!(read.is_err(), "{name}: {length} of {} bytes were accepted as complete", whole.len());
         }
         outcome(&folder, name, &whole, "whole").unwrap();
     }
@@ -145,11 +145,11 @@ fn unit_cells_cut_short_or_gone_are_an_error() {
     let path = folder.path().join("gdal.ers");
     fs::copy(reference().join("gdal.ers"), &path).unwrap();
     let fault = read_grid(&path, &MapOptions::default()).unwrap_err().to_string();
-    assert!(fault.ends_with("gdal: there is no such file"), "{fault}");
+    assert!(fault.ends_with("gdal: the file does not exist"), "{fault}");
     let cells = fs::read(reference().join("gdal")).unwrap();
     fs::write(folder.path().join("gdal"), &cells[..139]).unwrap();
     let fault = read_grid(&path, &MapOptions::default()).unwrap_err().to_string();
-    assert!(fault.contains("7 x 5 cells declared, 139 bytes found"), "{fault}");
+    assert!(fault.contains("it declares 7 x 5 nodes but has 139 bytes"), "{fault}");
     assert_eq!(map_files(&path).unwrap(), [path.clone(), folder.path().join("gdal")]);
 }
 
@@ -184,33 +184,33 @@ fn gold_awkward_texts() {
     let folder = TempDir::new().unwrap();
     let said = |name: &str, text: &str| outcome(&folder, name, text.as_bytes(), text).unwrap_err();
     let infinite = outcome(&folder, "i.grd", b"DSAA\n2 2\n0 10\n0 10\n0 1\n1 2 -inf 4\n", "infinite").unwrap();
-    assert!(infinite.notes.contains(&"1 infinite values are taken as unknown".to_owned()), "{:?}", infinite.notes);
+    assert!(infinite.notes.contains(&"1 infinite values are treated as unknown".to_owned()), "{:?}", infinite.notes);
     let surfer = |size: &str, x: &str, values: &str| format!("DSAA\n{size}\n{x}\n0 10\n0 1\n{values}\n");
     for (text, expected) in [
-        (surfer("3 1", "0 20", "1 2 3"), "a map needs 2 x 2 cells or more, not 3 x 1"),
-        (surfer("2 2", "5 5", "1 2 3 4"), "the axis steps by 0, which does not define a grid"),
-        (surfer("2 2", "0 inf", "1 2 3 4"), "the axis begins at 0 and steps by inf, which does not define a grid"),
+        (surfer("3 1", "0 20", "1 2 3"), "a map requires at least 2 x 2 nodes, not 3 x 1"),
+        (surfer("2 2", "5 5", "1 2 3 4"), "the axis has a step of 0, which does not define a grid"),
+        (surfer("2 2", "0 inf", "1 2 3 4"), "the axis begins at 0 with a step of inf, which does not define a grid"),
         (surfer("2 2", "0 10", "1 2 3 x"), "row 3: `x` is not a number"),
-        (surfer("2 2", "0 10", "1 2 3"), "the file is cut short: 3 of 4 values found"),
-        (surfer("2 2", "0 10", "2e38 2e38 2e38 2e38"), "column `anomaly`: no cell has a value"),
+        (surfer("2 2", "0 10", "1 2 3"), "the file is truncated: it has 3 of 4 values"),
+        (surfer("2 2", "0 10", "2e38 2e38 2e38 2e38"), "column `anomaly`: the map has no known value"),
     ] {
         let fault = said("a.grd", &text);
         assert!(fault.ends_with(expected), "{fault}");
     }
     let gxf = |more: &str| format!("#POINTS\n2\n#ROWS\n2\n{more}#GRID\n1 2\n3 4\n");
-    assert!(said("a.gxf", &gxf("#ROTATION\n30\n")).contains("the grid is rotated (warp it to a north-up grid"));
+    assert!(said("a.gxf", &gxf("#ROTATION\n30\n")).contains("the grid is rotated (warp the grid to north-up"));
     assert!(said("a.gxf", &gxf("#SENSE\n7\n")).ends_with("#SENSE 7 is none"));
-    assert!(said("a.gxf", "#POINTS\n2\n#ROWS\n2\n").ends_with("there is no #GRID"));
+    assert!(said("a.gxf", "#POINTS\n2\n#ROWS\n2\n").ends_with("it has no #GRID"));
     assert!(said("a.gxf", "#POINTS\n2\n#ROWS\n2\n#GTYPE\n2\n#GRID\n\"\"~~%%\n").ends_with("is longer than the grid"));
     for (text, expected) in [
         (
             "easting northing anomaly\n0 0 1\n1 0 1\n3 0 1\n0 1 1\n",
-            "the axis is not even: 1 is found where 1.5 is expected",
+            "the axis is not evenly spaced: it has 1 instead of 1.5",
         ),
         ("easting northing anomaly\n0 0 1\n1 0 1\n0 1 1\n0 1 1\n", "row 3: duplicate node"),
         (
             "easting northing anomaly\n0 0 1\n1 0 1\n2 0 1\n3 0 1\n",
-            "a map needs two or more values along the axis, not 1",
+            "a map requires at least two nodes along each axis, not 1",
         ),
         (
             "easting northing anomaly\n0 0 1\n1 * 1\n2 0 1\n3 0 1\n",
@@ -263,7 +263,7 @@ fn unit_texts_of_other_habits() {
     let degrees = "LAT,LON,TMI\n51,-5,1\n51,-4,2\n50,-5,3\n50,-4,-9999\n";
     let map = read("a.csv", degrees, &plain);
     assert_eq!((map.crs.code(), map.y.first, map.x.first), (4326, 50.0, -5.0));
-    assert!(map.anomaly_nt[1].is_nan() && map.notes.iter().any(|n| n == "1 values of -9999 are taken as unknown"));
+    assert!(map.anomaly_nt[1].is_nan() && map.notes.iter().any(|n| n == "1 values of -9999 are treated as unknown"));
     assert_eq!(&map.anomaly_nt[2..], [1.0, 2.0]);
     let said = "# EPSG:32630 unit=uT height_m=75\n1 1 0.1\n2 1 0.2\n1 2 *\n2 2 0.4\n";
     let map = read("a.xyz", said, &plain);

@@ -1,5 +1,5 @@
-//! ER Mapper rasters: a header of nested `Begin`/`End` blocks in an `.ers` file, the cells in a binary file next to it,
-//! rows from the north. [Earth Resource Mapping, ER Mapper customisation guide, ch. 2]
+//! ER Mapper rasters: a header of nested `Begin`/`End` blocks in an `.ers` file, the values in a binary file next to
+//! it, rows from the north. [Earth Resource Mapping, ER Mapper customisation guide, ch. 2]
 //!
 //! Written in double precision; the format cannot store the height, which is omitted.
 
@@ -23,7 +23,7 @@ use grids::{AnomalyGrid, Registration};
 
 pub(super) const FORMAT: MapFormat = MapFormat {
     name: "er_mapper",
-    about: "ER Mapper raster: .ers header with a binary file of cells",
+    about: "ER Mapper raster: .ers header with a binary file of values",
     extensions: &["ers"],
     recognise: |head: &Head| {
         head.first_line().is_some_and(|l| l.trim_start().to_ascii_lowercase().starts_with("datasetheader begin"))
@@ -33,7 +33,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
     write: Some(write),
 };
 
-/// The cells' file of a header.
+/// The file of values of a header.
 ///
 /// # Errors
 /// Fails for a header that cannot be read.
@@ -51,14 +51,14 @@ fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     let header = Header::of(path, &text_of(path)?);
     let cells = cells_of(path)?;
     if cells == path {
-        return Err(ReadError::data(path, "the header names itself as the file of its cells"));
+        return Err(ReadError::data(path, "the header names itself as the file of its values"));
     }
     if header.number_or("rasterinfo.nrofbands", 1.0)? != 1.0 {
-        return Err(ReadError::data(path, "a map has one band; this has several"));
+        return Err(ReadError::data(path, "a map must have one band, not several"));
     }
     let rotation = header.text("coordinatespace.rotation").map_or(Some(0.0), |t| angle(&t));
     if rotation != Some(0.0) {
-        return Err(ReadError::data(path, "the grid is rotated").help("warp it to a north-up grid first"));
+        return Err(ReadError::data(path, "the grid is rotated").help("warp the grid to north-up first"));
     }
     let bytes = bytes_of(&cells)?;
     let kind = Cell::of(path, &header)?;
@@ -107,7 +107,7 @@ impl<'a> Header<'a> {
     }
 
     fn number(&self, key: &str) -> Result<f64, ReadError> {
-        let text = self.text(key).ok_or_else(|| ReadError::data(self.path, format!("the header has no `{key}`")))?;
+        let text = self.text(key).ok_or_else(|| ReadError::data(self.path, format!("the header lacks `{key}`")))?;
         angle(&text).ok_or_else(|| ReadError::data(self.path, format!("`{text}` of `{key}` is not a number")))
     }
 
@@ -133,7 +133,7 @@ impl<'a> Header<'a> {
         Ok((x, y))
     }
 
-    /// The unit of eastings and northings; of degrees programs write any word.
+    /// The unit of eastings and northings; for degrees, programs write any word.
     fn axis_unit(&self) -> Result<Option<AxisUnit>, ReadError> {
         let text = |key: &str| self.text(key).unwrap_or_default();
         let degrees = text("coordinatespace.coordinatetype").eq_ignore_ascii_case("LL")
@@ -160,7 +160,7 @@ impl<'a> Header<'a> {
     }
 }
 
-/// Datums: their name, the code of their degrees, and what to add a zone to for its UTM code in the north and south.
+/// Datums: their name, the code of their degrees, and the bases of their UTM codes in the north and south.
 const DATUMS: [(&str, u16, Option<u16>, Option<u16>); 9] = [
     ("WGS84", 4326, Some(32600), Some(32700)),
     ("GDA94", 4283, None, Some(28300)),
@@ -183,7 +183,7 @@ fn code_of(datum: &str, projection: &str) -> Option<u16> {
     northern.or_else(|| ["SUTM", "MGA", "TMAMG", "AMG"].into_iter().find_map(|p| Some((*south)? + zone(p)?)))
 }
 
-/// Datum and projection of a code; the code itself where ER Mapper has no name for it.
+/// Datum and projection of a code; the code itself if ER Mapper has no name for it.
 fn names_of(code: u16) -> (String, String) {
     for (datum, degrees, north, south) in DATUMS {
         if code == degrees {
@@ -234,7 +234,7 @@ impl Cell {
         ];
         let found = kinds.iter().find(|k| k.0 == name);
         let (_, size, float, signed) =
-            *found.ok_or_else(|| ReadError::data(path, format!("the cell type `{name}` is not read")))?;
+            *found.ok_or_else(|| ReadError::data(path, format!("the cell type `{name}` is not supported")))?;
         Ok(Cell { size, float, signed, big })
     }
 
@@ -264,7 +264,7 @@ fn write(map: &AnomalyGrid, outputs: &mut Outputs) -> Result<(), ReadError> {
     level_m(outputs, map, FORMAT.name)?;
     let path = outputs.path().to_path_buf();
     if !path.extension().is_some_and(|e| e.eq_ignore_ascii_case("ers")) {
-        return Err(ReadError::options(&path, "an ER Mapper header is a file with the extension `ers`"));
+        return Err(ReadError::options(&path, "an ER Mapper header must have the extension `ers`"));
     }
     let unknown = unused(&map.anomaly_nt);
     let mut head = outputs.create()?;
@@ -279,7 +279,7 @@ fn write(map: &AnomalyGrid, outputs: &mut Outputs) -> Result<(), ReadError> {
     outputs.finish(cells)
 }
 
-/// The name of a unit of eastings and northings; it is no name where the system has another.
+/// ER Mapper's name of a unit of eastings and northings; a number for other units.
 fn length_units(unit_m: f64) -> &'static str {
     let is = |known_m: f64| ((unit_m - known_m) / known_m).abs() < 1e-9;
     match unit_m {

@@ -43,7 +43,7 @@ fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     }
     let need = |keys: &[&'static str]| {
         let found = keys.iter().find_map(|k| head.get(*k).map(|v| (*k, *v)));
-        found.ok_or_else(|| ReadError::data(path, format!("the header has no `{}`", keys.join("` or `"))))
+        found.ok_or_else(|| ReadError::data(path, format!("the header lacks `{}`", keys.join("` or `"))))
     };
     let (columns, rows) = (need(&["ncols"])?.1, need(&["nrows"])?.1);
     let (width, height) = nodes(path, columns as i64, rows as i64, 2, text.len() as u64 + 1)?;

@@ -57,7 +57,7 @@ fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
         draft.notes.push("the file's first row is the southernmost".to_owned());
     }
     if further > 0 {
-        draft.notes.push(format!("{further} further images of the file are not read"));
+        draft.notes.push(format!("{further} other images of the file are ignored"));
     }
     draft.packing = metadata.packing()?;
     draft.unit = metadata.item(&["unit", "units", "UNITTYPE"]).map(|(_, unit)| unit.to_owned());
@@ -85,7 +85,7 @@ struct Georeference {
 impl Georeference {
     fn read(path: &Path, decoder: &mut Reader, width: usize, height: usize) -> Result<Georeference, ReadError> {
         if width < 2 || height < 2 {
-            return Err(ReadError::data(path, format!("a map needs 2 x 2 cells or more, not {width} x {height}")));
+            return Err(ReadError::data(path, format!("a map requires at least 2 x 2 nodes, not {width} x {height}")));
         }
         let keys = decoder.get_tag_u16_vec(Tag::GeoKeyDirectoryTag).unwrap_or_default();
         let key = |id: u16| keys.chunks_exact(4).skip(1).find(|k| k[0] == id && k[1] == 0).map(|k| k[3]);
@@ -104,15 +104,15 @@ impl Georeference {
             None => None,
             Some(USER_DEFINED) if !geographic => Some(own_unit(path, decoder, &keys)?),
             Some(code) => Some(unit_of_code(code).ok_or_else(|| {
-                ReadError::data(path, format!("the unit EPSG:{code} of the coordinates is not known"))
-                    .help("warp the map to a system in metres first")
+                ReadError::data(path, format!("the unit EPSG:{code} of the coordinates is unknown"))
+                    .help("convert the map to a system in metres first")
             })?),
         };
         Ok(Georeference { x, y, registration, epsg, geographic, unit })
     }
 }
 
-/// The code of what a file defines itself.
+/// The code of user-defined values.
 const USER_DEFINED: u16 = 32_767;
 
 /// The length that the file defines as its unit, in metres.
@@ -121,8 +121,8 @@ fn own_unit(path: &Path, decoder: &mut Reader, keys: &[u16]) -> Result<AxisUnit,
     let entry = keys.chunks_exact(4).skip(1).find(|k| k[0] == LINEAR_UNIT_SIZE);
     let size = entry.and_then(|k| doubles.get(usize::from(k[3]))).copied().filter(|m| m.is_finite() && *m > 0.0);
     let size = size.ok_or_else(|| {
-        ReadError::data(path, "the unit of the coordinates is user-defined, but its size is not given")
-            .help("warp the map to a system in metres first")
+        ReadError::data(path, "the unit of the coordinates is user-defined, but its size is missing")
+            .help("convert the map to a system in metres first")
     })?;
     Ok(AxisUnit::Length(format!("units of {size} m"), size))
 }
@@ -138,9 +138,12 @@ fn affine(path: &Path, decoder: &mut Reader) -> Result<[f64; 4], ReadError> {
     match matrix.as_slice() {
         [dx, xy, _, x, yx, dy, _, y, ..] if *xy == 0.0 && *yx == 0.0 => Ok([*x, *dx, *y, *dy]),
         [_, _, _, _, _, _, _, _, ..] => {
-            Err(ReadError::data(path, "the grid is rotated").help("warp it to a north-up grid first"))
+            Err(ReadError::data(path, "the grid is rotated").help("warp the grid to north-up first"))
         }
-        _ => Err(ReadError::data(path, "does not say where its cells are (no ModelPixelScale and ModelTiepoint)")),
+        _ => Err(ReadError::data(
+            path,
+            "the file lacks the positions of its cells (tags ModelPixelScale and ModelTiepoint)",
+        )),
     }
 }
 
@@ -149,6 +152,6 @@ fn height_m(metadata: &Metadata, notes: &mut Vec<String>) -> Option<f64> {
     const NAMES: [&str; 5] = ["level_height_m", "height_m", "altitude_m", "alt_m", "alt"];
     let (name, text) = metadata.item(&NAMES)?;
     let alt_m = text.parse::<f64>().ok().filter(|x| x.is_finite())?;
-    notes.push(format!("height {alt_m} m of the file's `{name}`, taken as above the ellipsoid"));
+    notes.push(format!("the height {alt_m} m of the file's `{name}` is used as height above the ellipsoid"));
     Some(alt_m)
 }

@@ -31,7 +31,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
     write: Some(write),
 };
 
-/// The labels and their values; every label is known by its first four letters.
+/// The labels and their values; the first four letters identify a label.
 struct Objects<'a> {
     path: &'a Path,
     values: BTreeMap<String, Vec<&'a str>>,
@@ -41,7 +41,7 @@ fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     let text = text_of(path)?;
     let (objects, grid) = Objects::of(path, &text)?;
     if objects.number("ROTA", 0.0)? != 0.0 {
-        return Err(ReadError::data(path, "the grid is rotated").help("warp it to a north-up grid first"));
+        return Err(ReadError::data(path, "the grid is rotated").help("warp the grid to north-up first"));
     }
     let packed = objects.number("GTYP", 0.0)? as usize;
     let bytes = text.len() as u64 + 1;
@@ -86,7 +86,7 @@ impl<'a> Objects<'a> {
                 values.entry(label.clone()).or_default().push(line);
             }
         }
-        Err(ReadError::data(path, "the file is cut short: there is no #GRID"))
+        Err(ReadError::data(path, "the file is truncated: it has no #GRID"))
     }
 
     fn text(&self, label: &str) -> Option<&'a str> {
@@ -95,7 +95,7 @@ impl<'a> Objects<'a> {
 
     fn number(&self, label: &str, default: f64) -> Result<f64, ReadError> {
         let Some(text) = self.text(label) else {
-            let what = format!("the file has no #{label}");
+            let what = format!("the file lacks #{label}");
             return if default.is_nan() { Err(ReadError::data(self.path, what)) } else { Ok(default) };
         };
         let word = text.split([' ', ',', '\t']).next().unwrap_or_default().trim_matches('"');
@@ -109,7 +109,7 @@ impl<'a> Objects<'a> {
         let words = self.text("TRAN").unwrap_or_default();
         let second = words.split([' ', ',', '\t']).filter(|w| !w.is_empty()).nth(1);
         let offset = second.map_or(Some(0.0), |w| w.parse::<f64>().ok());
-        let offset = offset.ok_or_else(|| ReadError::data(self.path, "#TRANSFORM needs a scale and an offset"))?;
+        let offset = offset.ok_or_else(|| ReadError::data(self.path, "#TRANSFORM requires a scale and an offset"))?;
         Ok([scale, offset])
     }
 
@@ -123,7 +123,7 @@ impl<'a> Objects<'a> {
             (Some(AxisUnit::Angle(deg)), _) => Ok(Some(AxisUnit::Angle(deg))),
             (_, Some(_)) if name.to_ascii_lowercase().starts_with("deg") => Ok(Some(AxisUnit::Angle(1.0))),
             (Some(AxisUnit::Length(_, metres)), Some(factor)) if (metres / factor - 1.0).abs() > 1e-5 => {
-                let what = format!("#UNIT_LENGTH says that a unit `{name}` is {factor} m");
+                let what = format!("#UNIT_LENGTH gives the unit `{name}` a wrong length of {factor} m");
                 Err(ReadError::data(self.path, what).help("correct the name or the factor"))
             }
             (_, Some(factor)) => Ok(Some(AxisUnit::Length(name.to_owned(), factor))),
@@ -145,7 +145,7 @@ impl<'a> Objects<'a> {
             -3 => (true, true, false),
             4 => (true, false, false),
             -4 => (true, false, true),
-            _ => return Err(ReadError::data(self.path, format!("#SENSE {sense} is none"))),
+            _ => return Err(ReadError::data(self.path, format!("#SENSE {sense} is invalid"))),
         };
         let (along, between) = (self.number("PTSE", 1.0)?, self.number("RWSE", 1.0)?);
         let (width, height, dx, dy, values) = match across {
@@ -161,7 +161,7 @@ impl<'a> Objects<'a> {
         let y = axis("y", south, dy, height, from_north)?;
         let mut draft = Draft::new(self.path, x, y, values, self.system());
         if from_east || from_north {
-            draft.notes.push("the origin of the file is taken as its bottom left corner, as in GXF".to_owned());
+            draft.notes.push("the origin of the file is read as its bottom left corner, as GXF defines it".to_owned());
         }
         Ok(draft)
     }
@@ -196,13 +196,13 @@ fn plain(path: &Path, grid: &str, count: usize, dummy: Option<&str>) -> Result<V
 fn unpacked(path: &Path, grid: &str, count: usize, digits: usize) -> Result<Vec<f64>, ReadError> {
     // 90^8 is still exact in double precision.
     if !(1..=8).contains(&digits) {
-        return Err(ReadError::data(path, format!("#GTYPE {digits} is none")));
+        return Err(ReadError::data(path, format!("#GTYPE {digits} is invalid")));
     }
     let bytes: Vec<u8> = grid.bytes().filter(|b| !b.is_ascii_whitespace()).collect();
     let mut packs = bytes.chunks_exact(digits);
     let broken = |what: String| ReadError::data(path, what);
     let mut values: Vec<f64> = vec![];
-    let short = |have: usize| broken(format!("the file is cut short: {have} of {count} values found"));
+    let short = |have: usize| broken(format!("the file is truncated: it has {have} of {count} values"));
     while values.len() < count {
         let pack = packs.next().ok_or_else(|| short(values.len()))?;
         let bad = |pack: &[u8]| broken(format!("`{}` is not a packed number", String::from_utf8_lossy(pack)));

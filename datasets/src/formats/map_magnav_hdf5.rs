@@ -29,7 +29,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
 };
 
 /// The note on every map of MagNav.jl.
-pub(super) const NOTE: &str = "cells that are exactly 0 are unknown, as in MagNav.jl";
+pub(super) const NOTE: &str = "nodes of exactly 0 are unknown, as in MagNav.jl";
 
 fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     let file = Hdf5::open(path)?;
@@ -53,12 +53,12 @@ fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     } else if alt.shape.iter().product::<u64>() == 1 {
         draft.level_m = Some(alt.scalar()?);
     } else {
-        return Err(alt.damaged("a map of several levels is not one table; give one level"));
+        return Err(alt.damaged("a map must have one level; extract one level into a file"));
     }
     draft.finish(options)
 }
 
-/// MagNav.jl has no other mark for a cell without data.
+/// MagNav.jl has no other marker for a node without data.
 pub(super) fn unknown_where_zero(mut values: Vec<f64>) -> Vec<f64> {
     values.iter_mut().filter(|v| **v == 0.0).for_each(|v| *v = f64::NAN);
     values
@@ -73,7 +73,7 @@ fn vector(file: &Hdf5, name: &str) -> Result<Vec<f64>, ReadError> {
 fn transposed(set: &Values, lon: &[f64], lat: &[f64]) -> Result<Vec<f64>, ReadError> {
     let (n_lon, n_lat) = (lon.len(), lat.len());
     if set.shape != [n_lon as u64, n_lat as u64] {
-        let what = format!("has the shape {:?}, not [{n_lon}, {n_lat}] of `xx` and `yy`", set.shape);
+        let what = format!("must have the shape [{n_lon}, {n_lat}] of `xx` and `yy`, not {:?}", set.shape);
         return Err(set.damaged(&what));
     }
     let stored = set.all()?;

@@ -7,14 +7,14 @@ use super::{guarded, output::Outputs};
 use crate::ReadError;
 use grids::{AnomalyGrid, Height, WGS84};
 
-/// Unknown cells are 0 with a mask of 0. A known value of exactly 0 would be unknown to MagNav.jl, so the smallest
-/// number that is not 0 is written instead.
+/// Unknown nodes are 0 with a mask of 0. MagNav.jl would treat a known value of exactly 0 as unknown, so the smallest
+/// nonzero number replaces it.
 ///
 /// # Errors
-/// Fails for a map that is not of WGS-84 degrees, and a path that cannot be written.
+/// Fails for a map that is not in WGS-84 degrees, and a path that cannot be written.
 pub(super) fn write(map: &AnomalyGrid, outputs: &mut Outputs) -> Result<(), ReadError> {
     if map.crs.code() != WGS84 {
-        let what = format!("maps of MagNav.jl are of latitude and longitude, not {}", map.crs);
+        let what = format!("a MagNav.jl map must be in WGS-84 latitude and longitude, not {}", map.crs);
         return Err(ReadError::options(outputs.path(), what).help("convert the map to EPSG:4326 first"));
     }
     let path = outputs.path().to_path_buf();
@@ -49,7 +49,7 @@ fn encoded(map: &AnomalyGrid) -> Result<Vec<u8>, String> {
 
 const INFO: &str = "magline";
 
-/// One value a node, all latitudes of the first longitude first.
+/// One value per node, all latitudes of the first longitude first.
 fn by_columns<T>(map: &AnomalyGrid, value: impl Fn(usize) -> T) -> Vec<T> {
     let (width, height) = (map.x.len, map.y.len);
     (0..width).flat_map(|i| (0..height).map(move |j| j * width + i)).map(value).collect()

@@ -45,7 +45,7 @@ const HEIGHTS: [&str; 4] = ["alt", "height", "altitude", "alt_m"];
 fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     let bytes = bytes_of(path)?;
     if bytes.starts_with(hdf5::MAGIC) {
-        // Whether the file is complete.
+        // Checks that the file is complete.
         hdf5::Hdf5::open(path)?;
     }
     let draft = guarded(path, || {
@@ -66,7 +66,7 @@ fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
 }
 
 fn damaged(path: &Path, error: &netcdf_reader::Error) -> ReadError {
-    ReadError::data(path, format!("not a whole NetCDF file: {error}"))
+    ReadError::data(path, format!("the file is not a complete NetCDF file: {error}"))
 }
 
 /// An open file.
@@ -88,18 +88,19 @@ impl<'p, 'a> Grid<'p, 'a> {
 
     fn need(&self, name: &str) -> Result<&'a NcVariable, ReadError> {
         let names: Vec<&str> = self.variables().iter().map(NcVariable::name).collect();
-        self.find(name)
-            .ok_or_else(|| ReadError::data(self.path, format!("holds no variable `{name}`")).nearest(name, &names))
+        self.find(name).ok_or_else(|| {
+            ReadError::data(self.path, format!("the file holds no variable `{name}`")).nearest(name, &names)
+        })
     }
 
-    /// The numbers as they are stored.
+    /// The stored numbers.
     fn stored(&self, variable: &NcVariable) -> Result<impl Iterator<Item = f64>, ReadError> {
         let wrong = |what: &str| ReadError::data(self.path, what).in_column(variable.name());
         let count = variable.shape().iter().try_fold(1_u64, |n, d| n.checked_mul(*d));
         let size = variable.dtype().size().map_err(|_| wrong("holds no numbers"))? as u64;
         let most = if self.classic { self.bytes } else { Limit::new(self.bytes).most() };
         if count.and_then(|n| n.checked_mul(size)).is_none_or(|n| n > most) {
-            return Err(wrong("its shape does not fit the size of the file"));
+            return Err(wrong("its shape does not match the size of the file"));
         }
         let values = self.file.read_variable_as_f64(variable.name());
         Ok(values.map_err(|e| wrong(&format!("the variable cannot be read: {e}")))?.into_iter())
@@ -110,7 +111,7 @@ impl<'p, 'a> Grid<'p, 'a> {
         Ok(Storage::of_variable(self.path, variable)?.unpacked(self.stored(variable)?))
     }
 
-    /// The numbers of the map as they are stored, NaN where unknown, with their scale and offset.
+    /// The stored numbers of the map, NaN where unknown, with their scale and offset.
     fn values(&self, map: &NcVariable, notes: &mut Vec<String>) -> Result<(Vec<f64>, [f64; 2]), ReadError> {
         let storage = Storage::of_variable(self.path, map)?;
         Ok((storage.known(self.stored(map)?, notes), storage.packing))
@@ -158,11 +159,13 @@ impl<'p, 'a> Grid<'p, 'a> {
         match (known, others.as_slice()) {
             (Some(one), _) => Ok(one),
             (None, [one]) => Ok(one),
-            (None, []) => Err(ReadError::data(self.path, "holds no variable of two dimensions that are 2 or longer")),
+            (None, []) => {
+                Err(ReadError::data(self.path, "the file holds no variable with two dimensions of length 2 or more"))
+            }
             (None, several) => {
                 let names: Vec<&str> = several.iter().map(|v| v.name()).collect();
-                Err(ReadError::data(self.path, format!("holds several grids: {}", names.join(", ")))
-                    .help("keep one of them, or call it `z`"))
+                Err(ReadError::data(self.path, format!("the file holds several grids: {}", names.join(", ")))
+                    .help("keep one of them, or name it `z`"))
             }
         }
     }
@@ -171,7 +174,7 @@ impl<'p, 'a> Grid<'p, 'a> {
         let map = self.map()?;
         let names: Vec<String> = map.dimensions().iter().filter(|d| d.size > 1).map(|d| d.name.clone()).collect();
         let [outer, inner] = names.as_slice() else {
-            return Err(ReadError::data(self.path, "the grid has other than two dimensions").in_column(map.name()));
+            return Err(ReadError::data(self.path, "the grid must have two dimensions").in_column(map.name()));
         };
         let (outer, inner) = (self.need(outer)?, self.need(inner)?);
         // Usually rows of one latitude each; transposed where the coordinates are in the other order.
@@ -181,7 +184,7 @@ impl<'p, 'a> Grid<'p, 'a> {
         let axis = |v: &NcVariable| FileAxis::of(self.path, v.name(), &self.numbers(v)?);
         let (x_axis, y_axis) = (axis(x)?, axis(y)?);
         if y_axis.descends() {
-            notes.push("the file's rows run from north to south; reversed".to_owned());
+            notes.push("the file's rows run from north to south and are reversed".to_owned());
         }
         let ordered = |values: Vec<f64>| if swapped { transposed(&values, y_axis.len()) } else { values };
         let (values, packing) = self.values(map, &mut notes)?;
@@ -271,7 +274,7 @@ impl<'p, 'a> Grid<'p, 'a> {
             let values = self.numbers(self.need(name)?)?;
             match values.as_slice() {
                 [a, b, ..] => Ok((*a, *b)),
-                _ => Err(ReadError::data(self.path, "needs two values").in_column(name)),
+                _ => Err(ReadError::data(self.path, "must have two values").in_column(name)),
             }
         };
         let z = self.need("z")?;
@@ -305,7 +308,9 @@ impl<'p, 'a> Grid<'p, 'a> {
         draft.unit = unit.filter(|u| !["z", "user_z_unit"].contains(&u.as_str()));
         if pixel {
             draft.registration = Registration::Pixel;
-            draft.notes.push("the ends of the axes are edges of cells; the map is of their centres".to_owned());
+            draft
+                .notes
+                .push("the ends of the axes are edges of cells; the nodes are the centres of the cells".to_owned());
         }
         Ok(draft)
     }

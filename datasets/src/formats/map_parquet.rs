@@ -1,4 +1,4 @@
-//! Map grids in Parquet, one row a node: of latitude and longitude, or of eastings and northings.
+//! Map grids in Parquet, one row per node, in latitude and longitude or in eastings and northings.
 
 use std::{ops::Range, path::Path, sync::Arc};
 
@@ -22,7 +22,7 @@ use grids::{AnomalyGrid, WGS84};
 
 pub(super) const FORMAT: MapFormat = MapFormat {
     name: "parquet",
-    about: "Apache Parquet, one row a node",
+    about: "Apache Parquet, one row per node",
     extensions: &["parquet", "pq"],
     recognise: |head: &Head| head.starts_with(parquet::MAGIC),
     beside: None,
@@ -38,7 +38,7 @@ pub(super) const NORTHINGS: &[&str] = &["northing", "northing_m", "utm_northing_
 pub(super) const HEIGHTS: &[&str] = &["alt", "alt_m", "altitude_m"];
 pub(super) const ANOMALIES: &[&str] = &["anomaly", "anomaly_nt", "total_field_anomaly_nt"];
 
-/// Whether a map's file gives the error of each node; `false` of a file that cannot be read.
+/// Whether a map's file gives the error of each node; `false` for a file that cannot be read.
 pub(super) fn gives_error(path: &Path) -> bool {
     path.is_file() && parquet::Open::new(path).is_ok_and(|open| open.schema.field_with_name(ERROR).is_ok())
 }
@@ -55,7 +55,7 @@ fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     };
     let need = |kinds: &[&str]| {
         known(kinds).ok_or_else(|| {
-            ReadError::data(path, format!("the map needs a column `{}`", kinds[0])).nearest(kinds[0], &names)
+            ReadError::data(path, format!("the map requires a column `{}`", kinds[0])).nearest(kinds[0], &names)
         })
     };
     let anomaly = need(ANOMALIES)?;
@@ -113,7 +113,7 @@ fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
 /// The unit of coordinates: that of the columns' metadata, else that of their names.
 ///
 /// # Errors
-/// Fails for a unit that is not known, and for two units.
+/// Fails for an unknown unit, and for two units.
 pub(super) fn axis_unit(path: &Path, names: [&str; 2], said: [Option<&str>; 2]) -> Result<Option<AxisUnit>, ReadError> {
     let of = |name: &str, said: Option<&str>| {
         let unit = said.filter(|u| !u.is_empty()).unwrap_or_else(|| split_unit(name).1);
@@ -122,10 +122,10 @@ pub(super) fn axis_unit(path: &Path, names: [&str; 2], said: [Option<&str>; 2]) 
     AxisUnit::of_both(path, of(names[0], said[0])?, of(names[1], said[1])?)
 }
 
-/// The coordinate system of a map that a stage has made ([`schemas::map::MADE_COLUMNS`]); `None` of another table.
+/// The coordinate system of a map that a stage has made ([`schemas::map::MADE_COLUMNS`]); `None` for another table.
 ///
 /// # Errors
-/// Several maps in one table, such as those of the points of a sweep.
+/// Fails for several maps in one table, such as those of the points of a sweep.
 fn of_stage(path: &Path, names: &[String], batches: &[RecordBatch]) -> Result<Option<u16>, ReadError> {
     if schemas::map::MADE_COLUMNS.iter().any(|made| !names.iter().any(|name| name == made)) {
         return Ok(None);
@@ -133,14 +133,14 @@ fn of_stage(path: &Path, names: &[String], batches: &[RecordBatch]) -> Result<Op
     let codes = numbers(path, batches, "epsg")?;
     let first = codes.first().copied().unwrap_or(f64::NAN);
     if codes.iter().any(|code| *code != first) {
-        let what = "holds several coordinate systems: the table has a map for each point of a sweep";
+        let what = "the table holds several coordinate systems: it has a map for each point of a sweep";
         return Err(ReadError::data(path, what).in_column("epsg"));
     }
-    // What is no code of a system is refused as such later.
+    // An invalid code is rejected later.
     Ok(Some(first as u16))
 }
 
-/// Nodes to a batch that is written.
+/// Nodes per batch that is written.
 const BATCH_NODES: usize = 1 << 20;
 
 fn write(map: &AnomalyGrid, outputs: &mut Outputs) -> Result<(), ReadError> {
@@ -160,11 +160,11 @@ fn write(map: &AnomalyGrid, outputs: &mut Outputs) -> Result<(), ReadError> {
     outputs.finish(sink)
 }
 
-/// The contract's columns; eastings and northings, with their code, for a projected map.
+/// The canonical columns; eastings and northings, with their code, for a projected map.
 fn schema(map: &AnomalyGrid) -> SchemaRef {
     let mut fields: Vec<Field> = schemas::map::shape().columns.iter().map(schemas::Column::field).collect();
     if map.value_unit != "nT" {
-        let what = "derivative of the magnetic anomaly; NaN where unknown";
+        let what = "derivative of the total field anomaly; NaN where unknown";
         fields.splice(3..4, [field("anomaly", DataType::Float64, map.value_unit, Role::Aux, what)]);
     }
     if !map.is_geographic() {
@@ -198,7 +198,7 @@ fn numbers(path: &Path, batches: &[RecordBatch], name: &str) -> Result<Vec<f64>,
     let mut out = vec![];
     for column in batches.iter().filter_map(|b| b.column_by_name(name)) {
         if !column.data_type().is_numeric() {
-            let what = format!("holds {}, not numbers", column.data_type());
+            let what = format!("must hold numbers, not {}", column.data_type());
             return Err(ReadError::data(path, what).in_column(name));
         }
         let numbers = cast(column, &DataType::Float64).map_err(|e| ReadError::data(path, e.to_string()))?;

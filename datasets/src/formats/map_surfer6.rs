@@ -1,7 +1,7 @@
 //! Surfer 6 grids in binary (`DSBB`): size, ends of the axes and of the values, then single-precision rows from the
 //! south. [Golden Software, Surfer 6 binary grid file format]
 //!
-//! The format has no coordinate system, unit or height: reading needs `epsg`, writing leaves them out, and rounds the
+//! The format has no coordinate system, unit or height. Reading requires `epsg`; writing omits them and rounds the
 //! values to single precision.
 
 use std::{io::Write, path::Path};
@@ -34,7 +34,7 @@ fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     let bytes = bytes_of(path)?;
     let mut fields = Fields::new(path, &bytes);
     if fields.take(4)? != b"DSBB" {
-        return Err(ReadError::data(path, "is not a Surfer 6 binary grid: it does not begin with DSBB"));
+        return Err(ReadError::data(path, "the file is not a Surfer 6 binary grid: it must begin with DSBB"));
     }
     let (columns, rows) = (fields.i16()?, fields.i16()?);
     let [west, east, south, north] = [fields.f64()?, fields.f64()?, fields.f64()?, fields.f64()?];
@@ -52,7 +52,7 @@ fn write(map: &AnomalyGrid, outputs: &mut Outputs) -> Result<(), ReadError> {
     let size = |n: usize| {
         i16::try_from(n).map_err(|_| {
             ReadError::options(outputs.path(), format!("a Surfer 6 grid has at most 32767 nodes per side, not {n}"))
-                .help("write surfer7")
+                .help("use the format `surfer7`")
         })
     };
     let (width, height) = (size(map.x.len)?, size(map.y.len)?);

@@ -1,7 +1,7 @@
 //! Surfer 7 grids (`DSRB`): tagged sections, of which `GRID` has the position and `DATA` the double-precision rows from
 //! the south. [Golden Software, Surfer 7 grid file format]
 //!
-//! The format has no coordinate system, unit or height: reading needs `epsg`, writing leaves them out.
+//! The format has no coordinate system, unit or height. Reading requires `epsg`; writing omits them.
 
 use std::{io::Write, path::Path};
 
@@ -48,8 +48,8 @@ fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
             (b"DSRB", None) => version = section.i32()?,
             (b"GRID", None) => place = Some(grid(path, &mut section, bytes.len() as u64)?),
             (b"DATA", Some(place)) => return data(path, options, place, version, &mut section),
-            (b"DATA", None) => return Err(ReadError::data(path, "the values come before the position of the grid")),
-            // Faults and sections of later versions.
+            (b"DATA", None) => return Err(ReadError::data(path, "the section DATA precedes the section GRID")),
+            // Fault lines and sections of later versions.
             _ => {}
         }
     }
@@ -61,7 +61,7 @@ fn grid(path: &Path, section: &mut Fields, bytes: u64) -> Result<Place, ReadErro
     let [_, _, rotation, blank] = [section.f64()?, section.f64()?, section.f64()?, section.f64()?];
     if rotation != 0.0 {
         return Err(ReadError::data(path, format!("the grid is rotated by {rotation} degrees"))
-            .help("warp it to a north-up grid first"));
+            .help("warp the grid to north-up first"));
     }
     let (width, height) = nodes(path, columns.into(), rows.into(), 8, bytes)?;
     let x = FileAxis::new(path, "x", west, dx, width)?;
@@ -76,7 +76,7 @@ fn data(
     version: i32,
     section: &mut Fields,
 ) -> Result<AnomalyGrid, ReadError> {
-    // Version 1 blanks all from the blank value on, version 2 that value alone.
+    // In version 1 all values from the blank value up are blank, in version 2 only that value.
     let blank = |v: f64| is_marker(v, place.blank) || version < 2 && v >= place.blank;
     let value = |b: &[u8]| b.try_into().map_or(f64::NAN, f64::from_le_bytes);
     let known = |v: f64| if blank(v) || v >= SURFER_BLANK { f64::NAN } else { v };

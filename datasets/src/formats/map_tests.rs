@@ -108,7 +108,7 @@ mod val_other_programs {
             assert_eq!(map.notes.iter().any(|n| n.contains("355")), name == "xarray_0_360.nc", "{:?}", map.notes);
         }
         let map = check("xarray_ut.nc", true, &default);
-        assert!(map.notes.iter().any(|n| n == "values in uT times 1000 are nT"), "{:?}", map.notes);
+        assert!(map.notes.iter().any(|n| n == "values in uT are multiplied by 1000 to give nT"), "{:?}", map.notes);
         let fault = read_grid(&folder().join("xarray_mgal.nc"), &default).unwrap_err().to_string();
         assert!(fault.ends_with("column `anomaly`: the unit `mGal` does not convert to nT"), "{fault}");
         let told = MapOptions { unit: Some("nT".into()), ..MapOptions::default() };
@@ -118,13 +118,13 @@ mod val_other_programs {
     #[test]
     fn gold_rasters_that_are_no_map() {
         for (name, expected) in [
-            ("gdal_rotated.tif", "the grid is rotated (warp it to a north-up grid first)"),
-            ("gdal_nowhere.tif", "does not say where its cells are (no ModelPixelScale and ModelTiepoint)"),
-            ("gdal_two_bands.tif", "a map has one band; this is "),
-            ("gdal_unknown.tif", "column `anomaly`: no cell has a value"),
+            ("gdal_rotated.tif", "the grid is rotated (warp the grid to north-up first)"),
+            ("gdal_nowhere.tif", "the file lacks the positions of its cells (tags ModelPixelScale and ModelTiepoint)"),
+            ("gdal_two_bands.tif", "a map must have one band, not "),
+            ("gdal_unknown.tif", "column `anomaly`: the map has no known value"),
             (
                 "gdal_uncoded.tif",
-                "the file does not give the system of its eastings and northings (give `epsg`, the code of",
+                "the file does not give the coordinate system of its eastings and northings (set `epsg` to the code of",
             ),
         ] {
             let fault = read_grid(&folder().join(name), &MapOptions::default()).unwrap_err().to_string();
@@ -143,7 +143,7 @@ mod val_other_programs {
 mod round_trips {
     use super::*;
 
-    /// What each format keeps of a map.
+    /// Properties of a map that each format keeps.
     struct Kept {
         format: &'static str,
         file: &'static str,
@@ -234,7 +234,7 @@ mod round_trips {
             }
             let path = folder.path().join("drape").with_extension(kept.file.split('.').nth(1).unwrap());
             let fault = write_grid(&path, &drape, Some(kept.format)).unwrap_err().to_string();
-            assert!(fault.contains("the map's height varies") && !path.exists(), "{fault}");
+            assert!(fault.contains("the height of the map varies") && !path.exists(), "{fault}");
         }
     }
 
@@ -263,10 +263,7 @@ mod round_trips {
         let map = small(false);
         let written = "the formats that can be written are parquet, geotiff, magnav_hdf5, netcdf, surfer7, surfer6, \
                        surfer6_text, gxf, er_mapper, esri_ascii, xyz";
-        assert_eq!(
-            said("a.bin", None, &map),
-            format!(": the extension is not that of a writable map format ({written})")
-        );
+        assert_eq!(said("a.bin", None, &map), format!(": the extension belongs to no writable map format ({written})"));
         assert_eq!(
             said("a.grd", None, &map),
             ": the extension belongs to several map formats: netcdf, surfer7, surfer6, surfer6_text (choose one with \
@@ -285,7 +282,7 @@ mod round_trips {
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1, "nothing half-written is left");
     }
 
-    /// What a file says, whatever its bytes.
+    /// The result of reading a file with any bytes.
     fn unpacked(path: &Path) -> String {
         format!("{:?}", AnomalyGrid { source: PathBuf::new(), ..read_grid(path, &MapOptions::default()).unwrap() })
     }

@@ -1,10 +1,10 @@
-//! The CSV that Geometrics' Survey Manager exports from MagArrow and MFAM loggers: a counter, date and time (UTC), place,
-//! one or two total-field sensors, and in some rows the compass, the gyroscopes and GNSS.
+//! The CSV that Geometrics' Survey Manager exports from MagArrow and MFAM loggers: a counter, date and time (UTC),
+//! position, one or two scalar magnetometers, and in some rows the compass, the gyroscopes and GNSS.
 //!
-//! Date and time become `tt`, which goes on past midnight, and `year` and `doy` of the first row. A reading of a
-//! magnetometer that its `MagValid` marks as not valid is missing. The compass becomes the vector magnetometer `a` in body
-//! axes: its X points to starboard, Y aft, Z down. The height of GNSS above the sea is `msl`; with the height of the geoid
-//! beside it it is `alt`. NMEA sentences and events, from the column `GgaSentence` on, are not read.
+//! Date and time become `tt`, which continues past midnight, and `year` and `doy` of the first row. A reading of a
+//! magnetometer that its `MagValid` marks as invalid is missing. The compass becomes the vector magnetometer `a` in the
+//! body frame: its X points to starboard, Y aft, Z down. The GNSS height above the sea is `msl`; plus the height of the
+//! geoid it is `alt`. NMEA sentences and events, from the column `GgaSentence` on, are not read.
 //! [Geometrics, MagArrow User Manual, section Data Format]
 
 use std::{
@@ -44,10 +44,10 @@ pub(super) const FORMAT: FlightFormat = FlightFormat {
     made_from: None,
 };
 
-/// Rows of a batch.
+/// Rows per batch.
 const ROWS: usize = 65_536;
 
-/// The header's names with another name or unit here.
+/// Names in the header with another canonical name or unit.
 const COLUMNS: [(&str, &str, &str); 27] = [
     ("Counter", "counter", ""),
     ("MFAM Fiducial", "fiducial", ""),
@@ -73,7 +73,7 @@ const COLUMNS: [(&str, &str, &str); 27] = [
     ("ImuTemperature", "imu_temperature", "degC"),
     ("Track", "track", "deg"),
     ("Altitude", "msl", "m"),
-    // What follows the height in a GGA sentence: the geoid above the ellipsoid, whatever the header calls it.
+    // The value after the height in a GGA sentence is the geoid above the ellipsoid, despite its name in the header.
     ("HeightOverEllipsoid", "geoid", "m"),
     ("SpeedOverGround", "speed_over_ground", "kn"),
     ("LocationSource", "location_source", ""),
@@ -113,7 +113,7 @@ fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadEr
     let columns = headers.iter().take(width).map(column).collect::<Result<Vec<_>, ReadError>>()?;
     for needed in ["Date", "Time", "Latitude", "Longitude"] {
         if !columns.iter().any(|c| c.header == needed) {
-            return Err(ReadError::data(path, "an export of Survey Manager needs this column").in_column(needed));
+            return Err(ReadError::data(path, "an export of Survey Manager requires this column").in_column(needed));
         }
     }
     let own = columns.iter().filter(|c| !WHEN.contains(&c.header.as_str()) && !COMPASS.contains(&c.header.as_str()));
@@ -123,7 +123,7 @@ fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadEr
     let rows = Rows { path: path.to_path_buf(), columns, rest, missing: Missing::of(options), day: None };
     let schema = rows.table(&Gathered::new(&rows.columns))?.schema();
     let notes = match plain::ends_with_newline(path) {
-        Ok(false) => vec![format!("{}: the file does not end with a newline, so it may be cut short", path.display())],
+        Ok(false) => vec![format!("{}: the file does not end with a newline, so it may be truncated", path.display())],
         _ => vec![],
     };
     Ok(Raw {
@@ -152,7 +152,7 @@ impl Gathered {
 struct Rows {
     path: PathBuf,
     columns: Vec<Column>,
-    /// Columns of the header that are not read.
+    /// Number of columns of the header that are not read.
     rest: usize,
     missing: Missing,
     /// Year and day of the first row.
@@ -203,7 +203,7 @@ impl Rows {
         let whole = record.len() >= width && (self.rest > 0 || !spare);
         let mut wrong = |what: ReadError| to.faults.push(RowFault { row: to.rows, fault: what.in_row(row) });
         if !whole {
-            let what = format!("the row has {} values where the header has {}", record.len(), width + self.rest);
+            let what = format!("the row has {} values, but the header has {}", record.len(), width + self.rest);
             wrong(ReadError::data(&self.path, what));
         }
         let word = |i: usize| record.get(i).filter(|_| whole).map(|w| String::from_utf8_lossy(w.trim_ascii()));
@@ -218,7 +218,7 @@ impl Rows {
                     let number = if whole { self.missing.number(&text) } else { Some(f64::NAN) };
                     if number.is_none() {
                         let what = ReadError::data(&self.path, format!("`{text}` is not a number"));
-                        wrong(what.in_column(&column.header).help("a word for missing values goes into `missing`"));
+                        wrong(what.in_column(&column.header).help("add words for missing values to `missing`"));
                     }
                     to.numbers[i].push(number.unwrap_or(f64::NAN));
                 }
@@ -231,7 +231,7 @@ impl Rows {
         if tt.is_none() && whole {
             wrong(ReadError::data(
                 &self.path,
-                "the date or the time cannot be read, as 2020/10/27 and 10:33:09.001 can",
+                "the date or the time is invalid; valid are 2020/10/27 and 10:33:09.001",
             ));
         }
         to.tt.push(tt.unwrap_or(f64::NAN));
@@ -373,8 +373,8 @@ mod tests {
         assert_eq!(part.batch.num_rows(), 5);
         let said: Vec<(usize, String)> = part.faults.iter().map(|f| (f.row, f.fault.to_string())).collect();
         assert_eq!(said.iter().map(|(row, _)| *row).collect::<Vec<_>>(), [1, 2, 3]);
-        assert!(said[0].1.contains("the row has 3 values where the header has 11"), "{said:?}");
-        assert!(said[1].1.contains("the date or the time cannot be read"), "{said:?}");
+        assert!(said[0].1.contains("the row has 3 values, but the header has 11"), "{said:?}");
+        assert!(said[1].1.contains("the date or the time is invalid"), "{said:?}");
         assert!(said[2].1.contains("column `Latitude`, row 3: `x` is not a number"), "{said:?}");
         let mut units = options();
         units.units = [("Mag2Data".to_owned(), "uT".to_owned())].into();

@@ -11,12 +11,12 @@ use arrow_schema::DataType;
 
 use super::FlightOptions;
 
-/// Words that are missing values in every file; case does not matter. An empty cell is one too.
+/// Words that mark missing values in every file; case is ignored. An empty cell is also missing.
 pub(super) const WORDS: [&str; 9] = ["*", "-", "--", "n/a", "#n/a", "na", "nan", "null", "none"];
 
-/// Numbers that are missing values in every file: the usual filler of loggers, and Geosoft's. No column of a flight
-/// can have them: -99999 is below every length, angle and field. -9999 is not among them, since a component of the
-/// field may well be that.
+/// Numbers that mark missing values in every file: the usual filler of loggers, and Geosoft's. No column of a flight
+/// can have them: -99999 is below every length, angle and field. -9999 is not included, as a component of the field can
+/// have this value.
 pub(super) const NUMBERS: [f64; 2] = [-99_999.0, -1e32];
 
 /// The marks of a missing value in one file: the usual words, and those of the options.
@@ -71,7 +71,7 @@ impl Missing {
         self.numbers.iter().copied().fold(f64::NEG_INFINITY, f64::max)
     }
 
-    /// A column of another writer, with nulls for the numbers that mark missing values.
+    /// A column of a Parquet file from another program, with nulls for the numbers that mark missing values.
     pub(super) fn nulled(&self, column: &ArrayRef) -> ArrayRef {
         fn one<T: ArrowPrimitiveType>(column: &ArrayRef, is: impl Fn(T::Native) -> bool) -> ArrayRef {
             let values = column.as_primitive::<T>();
@@ -92,7 +92,7 @@ impl Missing {
     }
 }
 
-/// Whether a word is a missing value whatever the options say.
+/// Whether a word marks a missing value for any options.
 pub(super) fn is_usual_word(text: &str) -> bool {
     text.is_empty() || WORDS.iter().any(|w| w.eq_ignore_ascii_case(text))
 }

@@ -1,4 +1,4 @@
-//! How the numbers of a NetCDF variable are stored: their sign, markers of missing values, valid range, scale and offset.
+//! Storage of the numbers of a NetCDF variable: their sign, markers of missing values, valid range, scale and offset.
 //! [CF conventions 1.7, 2.5 and 8.1; NetCDF Users' Guide, "Attribute Conventions"]
 
 use std::{collections::BTreeMap, path::Path};
@@ -13,12 +13,12 @@ use crate::{
 /// The storage of a variable.
 pub(super) struct Storage {
     kind: NcType,
-    /// Added to negative numbers that are unsigned, or subtracted from large ones that are signed.
+    /// Number that is added to negative values of an unsigned type, or subtracted from large values of a signed type.
     modulus: Option<f64>,
     missing: Vec<f64>,
-    /// The least and the largest valid number as stored.
+    /// Minimum and maximum valid stored number.
     valid: [f64; 2],
-    /// The same of the unpacked values.
+    /// Minimum and maximum valid unpacked value.
     valid_unpacked: [f64; 2],
     /// Scale and offset.
     pub(super) packing: [f64; 2],
@@ -28,7 +28,7 @@ const ANYTHING: [f64; 2] = [f64::NEG_INFINITY, f64::INFINITY];
 
 /// An attribute.
 pub(super) enum Attribute {
-    /// Numbers, and whether they are real ones.
+    /// Numbers, and whether they are floating-point.
     Numbers(Vec<f64>, bool),
     Text(String),
 }
@@ -56,11 +56,11 @@ impl Storage {
         Storage::of(path, variable.name(), variable.dtype().clone(), &all, true)
     }
 
-    /// The storage that attributes describe, those among [`ATTRIBUTES`] that a variable has. `filled` says whether values
-    /// that were never written are NetCDF's default ones.
+    /// The storage that the attributes of a variable describe, among [`ATTRIBUTES`]. With `filled`, values that were
+    /// never written are NetCDF's default fill values.
     ///
     /// # Errors
-    /// Fails for an attribute that is not a number, and a valid range of other than two numbers.
+    /// Fails for an attribute that is not a number, and a valid range that has not two numbers.
     pub(super) fn of(
         path: &Path,
         variable: &str,
@@ -97,20 +97,20 @@ impl Storage {
             [] => {}
             [low, high] => [low, high].iter().enumerate().for_each(|(which, x)| bound("valid_range", which, **x)),
             other => {
-                let what = format!("`valid_range` has {} numbers, not two", other.len());
+                let what = format!("`valid_range` must have two numbers, not {}", other.len());
                 return Err(ReadError::data(path, what).in_column(variable));
             }
         }
         Ok(Storage { kind, modulus, missing, valid, valid_unpacked, packing })
     }
 
-    /// The numbers of a variable with their sign, without regard to missing values: of coordinates.
+    /// The numbers of a coordinate variable with their sign, without missing values.
     pub(super) fn unpacked(&self, values: impl Iterator<Item = f64>) -> Vec<f64> {
         let [scale, offset] = self.packing;
         values.map(|v| self.signed(v) * scale + offset).collect()
     }
 
-    /// The numbers as stored, NaN where they are missing or not valid, and a note on those that are not valid.
+    /// The stored numbers, NaN where missing or invalid, and a note on invalid ones.
     pub(super) fn known(&self, values: impl Iterator<Item = f64>, notes: &mut Vec<String>) -> Vec<f64> {
         let [scale, offset] = self.packing;
         let within = |x: f64, [low, high]: [f64; 2]| low <= x && x <= high;
@@ -128,7 +128,7 @@ impl Storage {
         };
         let known = values.map(one).collect();
         if invalid > 0 {
-            notes.push(format!("{invalid} values outside the valid range of the file are unknown"));
+            notes.push(format!("{invalid} values outside the valid range of the file are treated as unknown"));
         }
         known
     }
@@ -170,14 +170,14 @@ impl Attributes<'_> {
         let words = text.split([',', ' ', '\0']).filter(|w| !w.is_empty());
         let numbers = words.map(|w| w.trim_end_matches(['f', 'd', 's', 'b', 'L']).parse().ok()).collect();
         let numbers: Option<Vec<f64>> = numbers;
-        numbers.map(Some).ok_or_else(|| self.wrong(format!("`{name}` is `{text}`, not a number")))
+        numbers.map(Some).ok_or_else(|| self.wrong(format!("`{name}` must be a number, not `{text}`")))
     }
 
     fn number(&self, name: &str) -> Result<Option<f64>, ReadError> {
         match self.numbers(name)?.as_deref() {
             None | Some([]) => Ok(None),
             Some([number]) if !number.is_nan() => Ok(Some(*number)),
-            Some(other) => Err(self.wrong(format!("`{name}` is {other:?}, not one number"))),
+            Some(other) => Err(self.wrong(format!("`{name}` must be one number, not {other:?}"))),
         }
     }
 
@@ -185,18 +185,18 @@ impl Attributes<'_> {
         matches!(self.get(name), Some(Attribute::Numbers(_, true)))
     }
 
-    /// Two to the bits of a whole number whose sign `_Unsigned` changes.
+    /// 2 to the power of the bits of an integer whose sign `_Unsigned` changes.
     fn modulus(&self, kind: &NcType) -> Result<Option<f64>, ReadError> {
         let unsigned = match self.get("_Unsigned") {
             None => return Ok(None),
             Some(Attribute::Numbers(numbers, _)) => match numbers.as_slice() {
                 [number] => *number != 0.0,
-                other => return Err(self.wrong(format!("`_Unsigned` is {other:?}, not true or false"))),
+                other => return Err(self.wrong(format!("`_Unsigned` must be true or false, not {other:?}"))),
             },
             Some(Attribute::Text(text)) => match text.trim_matches(['\0', ' ']).to_ascii_lowercase().as_str() {
                 "true" => true,
                 "false" => false,
-                text => return Err(self.wrong(format!("`_Unsigned` is `{text}`, not true or false"))),
+                text => return Err(self.wrong(format!("`_Unsigned` must be true or false, not `{text}`"))),
             },
         };
         Ok(bits(kind).filter(|_| unsigned != is_unsigned(kind)).map(|bits| 2_f64.powi(bits)))

@@ -66,7 +66,7 @@ pub(super) fn write(map: &AnomalyGrid, outputs: &mut Outputs) -> Result<(), Read
 }
 
 fn refused(outputs: &Outputs, what: &str) -> ReadError {
-    ReadError::options(outputs.path(), format!("the map does not fit NetCDF's classic format: {what}"))
+    ReadError::options(outputs.path(), format!("the map exceeds the limits of NetCDF's classic format: {what}"))
 }
 
 fn axis_names(map: &AnomalyGrid) -> [&'static str; 2] {

@@ -1,4 +1,4 @@
-//! The record of an observatory as a flight log: its station is the flight, and each UTC day a line.
+//! The record of an observatory as a flight log: the station is the flight, and each UTC day is a line.
 
 use std::{path::Path, sync::Arc};
 
@@ -15,23 +15,23 @@ use crate::ReadError;
 
 const DAY_S: f64 = 86_400.0;
 
-/// What the columns of the field hold; all in nT.
+/// Contents of the columns of the field, all in nT.
 const FIELD: [(&str, &str); 4] = [
-    ("field_n", "field of the station, northward"),
-    ("field_e", "field of the station, eastward"),
-    ("field_d", "field of the station, downward"),
-    ("field_f", "total field of the station, by its scalar magnetometer"),
+    ("field_n", "north component of the field at the station"),
+    ("field_e", "east component of the field at the station"),
+    ("field_d", "down component of the field at the station"),
+    ("field_f", "total field at the station, by its scalar magnetometer"),
 ];
 
-/// The columns `flight`, `line` (such as `2014-11-04`), `tt`, `year`, `doy`, the place of the station where the record has
-/// it, and the field; components that the record lacks throughout are left out. A step without a sample is a row of NaN.
+/// The columns `flight`, `line` (such as `2014-11-04`), `tt`, `year`, `doy`, the position of the station if known, and
+/// the field; components that are missing throughout are omitted. A step without a sample is a row of NaN.
 ///
 /// # Errors
-/// For a record without a name for its station.
+/// Fails for a record without the name of its station.
 pub(super) fn raw(path: &Path, record: &ObservatoryRecord) -> Result<Raw, ReadError> {
     if record.station.is_empty() {
-        let what = "the record does not name its station";
-        return Err(ReadError::data(path, what).help("the header's line `IAGA CODE` has it"));
+        let what = "the record lacks the name of its station";
+        return Err(ReadError::data(path, what).help("add the header line `IAGA CODE`"));
     }
     let rows = record.ned_nt.len();
     let days: Vec<Day> = days(record);

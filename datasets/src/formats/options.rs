@@ -1,4 +1,4 @@
-//! How files are read: what a table of a spec says beside its path.
+//! Options for reading files: the keys of a table of a spec, besides its path.
 
 use std::{collections::BTreeMap, path::Path};
 
@@ -8,28 +8,28 @@ use super::missing::Missing;
 use crate::ReadError;
 
 params! {
-    /// How a flight log is read.
+    /// Options for reading a flight log.
     pub struct FlightOptions, all default;
-    /// The name of the format.
-    format: Option<String>, unit "", default None, absent "known from the content and the extension";
-    /// The message, topic or array of a log that holds several, such as `MAG`, `sensor_mag:1` or `.` (the vectors at the root
-    /// of a MATLAB file).
-    topic: Option<String>, unit "", default None, absent "the only one";
-    /// The file's column names to canonical ones. A unit in the file's name (`GPS Lat (rad)`, `Alt ft`, `Mag_mgauss`) is
-    /// taken as the column's unit, and one that does not convert is an error.
+    /// Name of the format.
+    format: Option<String>, unit "", default None, absent "detected from content and extension";
+    /// Message, topic or array of a log that holds several, such as `MAG`, `sensor_mag:1` or `.` (the vectors at the
+    /// root of a MATLAB file).
+    topic: Option<String>, unit "", default None, absent "the only topic of the file";
+    /// Canonical names of columns, by their names in the file. A unit in the file's name (`GPS Lat (rad)`, `Alt ft`,
+    /// `Mag_mgauss`) is the unit of the column. A unit that does not convert is an error.
     rename: BTreeMap<String, String>, unit "", default BTreeMap::new();
-    /// The units of columns, by the file's own names. They take precedence over names and metadata.
+    /// Units of columns, by their names in the file. They override names and metadata.
     units: BTreeMap<String, String>, unit "", default BTreeMap::new();
-    /// Texts and numbers that mean a missing value, in addition to `N/A`, `NA`, `null`, `none`, `NaN`, `-`, `*`, an empty
-    /// cell, -99999 and Geosoft's -1e32.
+    /// Texts and numbers that mark a missing value, in addition to `N/A`, `NA`, `null`, `none`, `NaN`, `-`, `*`, an
+    /// empty cell, -99999 and Geosoft's -1e32.
     missing: Vec<Word>, unit "", default Vec::<Word>::new();
-    /// The flight, for files that hold none.
-    flight: Option<String>, unit "", default None, absent "the file's";
-    /// The line, for files that hold none.
-    line: Option<String>, unit "", default None, absent "the file's";
-    /// The EPSG code of the eastings and northings of survey points (`format = "points"`).
-    epsg: Option<u16>, unit "", default None, absent "the file's";
-    /// Checks that impossible values may fail.
+    /// Flight identifier, for files without one.
+    flight: Option<String>, unit "", default None, absent "read from the file";
+    /// Line identifier, for files without one.
+    line: Option<String>, unit "", default None, absent "read from the file";
+    /// EPSG code of the eastings and northings of survey points (`format = "points"`).
+    epsg: Option<u16>, unit "", default None, absent "read from the file";
+    /// Plausibility checks that are disabled for this file.
     accept: Vec<Accept>, unit "", default Vec::<Accept>::new();
 }
 
@@ -41,27 +41,28 @@ impl FlightOptions {
 }
 
 params! {
-    /// How a map is read.
+    /// Options for reading a map.
     pub struct MapOptions, all default;
-    /// The name of the format.
-    format: Option<String>, unit "", default None, absent "known from the content and the extension";
-    /// The EPSG code of the coordinates; it takes precedence over the file.
-    epsg: Option<u16>, unit "", default None, absent "the file's; it must be given for eastings and northings in a file without it";
-    /// The height of the map above the WGS-84 ellipsoid, for files that hold none.
-    alt_m: Option<f64>, unit "m", default None, absent "the file's";
-    /// The unit of the anomaly.
-    unit: Option<String>, unit "", default None, absent "the file's, or nT";
-    /// Numbers that mark an unknown value, in addition to those that the file names and to the usual ones beyond any
-    /// field (the largest single-precision number, Surfer's blank, Geosoft's -1e32).
+    /// Name of the format.
+    format: Option<String>, unit "", default None, absent "detected from content and extension";
+    /// EPSG code of the coordinates. It overrides the file, and is required for eastings and northings in a file
+    /// without a code.
+    epsg: Option<u16>, unit "", default None, absent "read from the file";
+    /// Height of the map above the WGS-84 ellipsoid. It overrides the file.
+    alt_m: Option<f64>, unit "m", default None, absent "read from the file";
+    /// Unit of the anomaly. It overrides the file.
+    unit: Option<String>, unit "", default None, absent "read from the file, else nT";
+    /// Numbers that mark an unknown value, in addition to those that the file names and the usual markers (the largest
+    /// single-precision number, Surfer's blank, Geosoft's -1e32).
     missing: Vec<Word>, unit "", default Vec::<Word>::new();
-    /// Checks that impossible values may fail.
+    /// Plausibility checks that are disabled for this map.
     accept: Vec<Accept>, unit "", default Vec::<Accept>::new();
 }
 
 /// The numbers among the words of `missing`.
 ///
 /// # Errors
-/// Fails for a word that is not a number: a map has numbers alone.
+/// Fails for a word that is not a number, as a map holds only numbers.
 pub(crate) fn markers(path: &Path, missing: &[Word]) -> Result<Vec<f64>, ReadError> {
     let one = |word: &Word| {
         let number = word.0.trim().parse::<f64>().ok();

@@ -11,7 +11,7 @@ use super::{MAP_FORMATS, MapFormat, side_files::refuse_stale};
 use crate::ReadError;
 use grids::AnomalyGrid;
 
-/// Writes a map, in the format that is given or that of the path's extension. An existing file is
+/// Writes a map, in the given format or that of the path's extension. An existing file is
 /// replaced when the new file is complete; no partial file is left.
 ///
 /// Values are nT, or in the unit of a derivative where the format names one; unknown nodes have the format's own mark;
@@ -35,10 +35,10 @@ pub fn write_grid(path: &Path, map: &AnomalyGrid, format: Option<&str>) -> Resul
     };
     refuse_stale(path)?;
     map.check()?;
-    // Read back, the values would be taken for an anomaly.
+    // A reader would treat the values as an anomaly.
     if map.value_unit != "nT" && !KEEP_UNIT.contains(&chosen.name) {
-        let what = format!("the map format `{}` does not say that the values are in {}", chosen.name, map.value_unit);
-        return Err(ReadError::options(path, what).help(format!("write {}", KEEP_UNIT.join(", "))));
+        let what = format!("the map format `{}` cannot store the unit {}", chosen.name, map.value_unit);
+        return Err(ReadError::options(path, what).help(format!("use one of {}", KEEP_UNIT.join(", "))));
     }
     let mut outputs = Outputs { path, made: vec![] };
     write(map, &mut outputs)?;
@@ -48,7 +48,7 @@ pub fn write_grid(path: &Path, map: &AnomalyGrid, format: Option<&str>) -> Resul
 /// Whether a map can be written to a file, before it is computed: the errors of [`write_grid`] for any map.
 ///
 /// # Errors
-/// Fails for a format that is not known or not written, and a folder that does not exist.
+/// Fails for a format that is unknown or cannot be written, and a folder that does not exist.
 pub fn check_output(path: &Path, format: Option<&str>) -> Result<(), ReadError> {
     let chosen = writer_for(path, format)?;
     if chosen.write.is_none() {
@@ -86,7 +86,7 @@ fn writer_for(path: &Path, format: Option<&str>) -> Result<&'static MapFormat, R
     let found: Vec<&MapFormat> = MAP_FORMATS.iter().filter(ends).collect();
     match found.as_slice() {
         [one] => Ok(one),
-        [] => Err(ReadError::options(path, "the extension is not that of a writable map format").help(writers())),
+        [] => Err(ReadError::options(path, "the extension belongs to no writable map format").help(writers())),
         several => {
             let names: Vec<&str> = several.iter().map(|f| f.name).collect();
             let what = format!("the extension belongs to several map formats: {}", names.join(", "));
@@ -120,7 +120,7 @@ impl Outputs<'_> {
         static COUNT: AtomicU64 = AtomicU64::new(0);
         let io = |e: &std::io::Error| ReadError::io(&path, e);
         let name = path.file_name().map(|n| n.to_string_lossy().into_owned());
-        let Some(name) = name else { return Err(ReadError::options(&path, "is not a file name")) };
+        let Some(name) = name else { return Err(ReadError::options(&path, "the path must end in a file name")) };
         let count = COUNT.fetch_add(1, Ordering::Relaxed);
         let part = path.with_file_name(format!(".{name}.{}.{count}.part", std::process::id()));
         let file = OpenOptions::new().write(true).read(true).create_new(true).open(&part).map_err(|e| io(&e))?;
@@ -128,7 +128,7 @@ impl Outputs<'_> {
         Ok(BufWriter::with_capacity(1 << 16, file))
     }
 
-    /// Ends a file: all of it is on the disk.
+    /// Ends a file and flushes it to the disk.
     pub(crate) fn finish(&self, sink: Sink) -> Result<(), ReadError> {
         let done = sink.into_inner().map_err(|e| e.into_error()).and_then(|f| f.sync_all());
         done.map_err(|e| self.io(&e))

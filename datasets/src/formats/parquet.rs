@@ -1,4 +1,4 @@
-//! Flight tables in Parquet, whoever wrote them: one batch after another, whatever the row groups.
+//! Flight tables in Parquet from any program, read in batches that do not depend on the row groups.
 
 use std::{fs::File, path::Path, sync::Arc};
 
@@ -29,9 +29,9 @@ pub(super) const FORMAT: FlightFormat = FlightFormat {
 
 pub(super) const MAGIC: &[u8] = b"PAR1";
 
-/// Rows to a batch: 64 k rows of 100 columns are 50 MB.
+/// Rows per batch: 64 k rows of 100 columns are 50 MB.
 const BATCH_ROWS: usize = 65_536;
-/// Bytes of all texts of a batch.
+/// Maximum bytes of all texts of a batch.
 const MOST_TEXT: u64 = 256 << 20;
 
 fn open(path: &Path, _: &FlightOptions, _: &Reading) -> Result<Raw, ReadError> {
@@ -55,7 +55,7 @@ impl Open {
     /// Opens a file and checks the size that it declares.
     ///
     /// # Errors
-    /// Fails for a file that is not whole, and one that declares more than a file of its size may.
+    /// Fails for an incomplete file, and for one that declares more bytes than its size permits.
     pub(super) fn new(path: &Path) -> Result<Open, ReadError> {
         let file = File::open(path).map_err(|e| ReadError::io(path, &e))?;
         let bytes = file.metadata().map_err(|e| ReadError::io(path, &e))?.len();
@@ -71,7 +71,7 @@ impl Open {
         })
     }
 
-    /// The batches of the file, up to the first error: nothing after a damaged page can be trusted.
+    /// The batches of the file, up to the first error, as data after a damaged page are unreliable.
     ///
     /// # Errors
     /// Fails for a file that cannot be read.
@@ -148,8 +148,8 @@ fn plain(path: &Path, batch: &RecordBatch, to: &SchemaRef) -> Result<RecordBatch
         // The lower 32 bits of a view are its length.
         texts += views.map_or(0, |views| views.iter().map(|view| u64::from(*view as u32)).sum::<u64>());
         if texts > MOST_TEXT {
-            let what = format!("the texts of {} rows have more than {} MB", batch.num_rows(), MOST_TEXT >> 20);
-            return Err(ReadError::data(path, what).in_column(field.name()).help("leave out the column"));
+            let what = format!("the texts of {} rows exceed {} MB", batch.num_rows(), MOST_TEXT >> 20);
+            return Err(ReadError::data(path, what).in_column(field.name()).help("remove the column from the file"));
         }
         let same = column.data_type() == field.data_type();
         columns.push(if same { column.clone() } else { cast(column, field.data_type()).map_err(wrong)? });
@@ -159,5 +159,5 @@ fn plain(path: &Path, batch: &RecordBatch, to: &SchemaRef) -> Result<RecordBatch
 }
 
 fn damaged(path: &Path, what: &str) -> ReadError {
-    ReadError::data(path, format!("not a whole Parquet file: {what}"))
+    ReadError::data(path, format!("the file is not a complete Parquet file: {what}"))
 }

@@ -18,10 +18,10 @@ use crate::{
 };
 use grids::{Crs, Extra, SurveyPoints, WGS84, metres, no_metres, plane};
 
-/// How to read survey points. Columns that are not named are found by the usual names.
+/// Options for reading survey points. Columns without a name here are found by the usual names.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct PointOptions {
-    /// A flight format, `parquet` or `text`, where content and extension do not tell.
+    /// A flight format, `parquet` or `text`; by default detected from content and extension.
     pub format: Option<String>,
     /// The column of longitudes or eastings.
     pub x: Option<String>,
@@ -33,14 +33,14 @@ pub struct PointOptions {
     pub value: Option<String>,
     /// The column of line names.
     pub line: Option<String>,
-    /// The EPSG code of `x` and `y`; degrees of WGS-84 where their names are those of latitude and longitude.
+    /// The EPSG code of `x` and `y`; by default WGS-84 degrees if the columns are named latitude and longitude.
     pub epsg: Option<u16>,
-    /// The EPSG code of the plane of the points; by default that of `x` and `y` where they are eastings and
-    /// northings, else the UTM zone of the middle of the points.
+    /// The EPSG code of the plane of the points; by default that of `x` and `y` if they are eastings and northings,
+    /// else the UTM zone of the middle of the points.
     pub to_epsg: Option<u16>,
     /// Numbers that mark a missing position, height or value, in the unit of the file.
     pub missing: Vec<Word>,
-    /// Checks that impossible values may fail.
+    /// Plausibility checks that are disabled.
     pub accept: Vec<Accept>,
 }
 
@@ -118,8 +118,8 @@ const LINES: &[&str] = &[
 /// Points without a position are skipped and counted in the notes; points without a value are kept, as NaN.
 ///
 /// # Errors
-/// Fails for a file that cannot be read, columns that do not exist or hold no numbers, units that do not convert, and
-/// coordinates of no known system.
+/// Fails for a file that cannot be read, missing or non-numeric columns, units that do not convert, and coordinates in
+/// an unknown system.
 pub fn read_points(path: &Path, options: &PointOptions) -> Result<SurveyPoints, ReadError> {
     let table = load(path, options.format.as_deref())?;
     let found = Found::of(path, &table, options)?;
@@ -131,11 +131,11 @@ pub fn read_points(path: &Path, options: &PointOptions) -> Result<SurveyPoints, 
     Ok(points)
 }
 
-/// What of survey points looks as if it were in another unit, and values that are all the same: a sentence each.
+/// Warnings on probable wrong units and constant values of survey points, one sentence each.
 pub fn doubts(points: &SurveyPoints) -> Vec<String> {
-    /// Half a turn and a quarter, in radians, taken for degrees: all of it is sea.
+    /// π and π/2: positions in radians read as degrees lie in this area, which is all sea.
     const TURNS: (f64, f64) = (std::f64::consts::FRAC_PI_2, std::f64::consts::PI);
-    /// No survey sees less, nT.
+    /// Minimum range of the values of a survey, nT.
     const LEAST_NT: f64 = 1e-3;
     let mut said: Vec<String> = vec![];
     let mut places = points.lat_deg.iter().zip(&points.lon_deg);
@@ -171,8 +171,8 @@ impl<'a> Found<'a> {
             Some(code) => code,
             None if degrees(x, LONGITUDES) && degrees(y, LATITUDES) => WGS84,
             None => {
-                let what = format!("the system of the coordinates `{}` and `{}` is not given", x.name, y.name);
-                let help = "give `epsg`, such as 32754 for UTM zone 54 south or 4326 for degrees";
+                let what = format!("the coordinate system of `{}` and `{}` is unknown", x.name, y.name);
+                let help = "set `epsg`, such as 32754 for UTM zone 54 south or 4326 for degrees";
                 return Err(ReadError::options(path, what).help(help));
             }
         };
@@ -275,7 +275,7 @@ impl<'a> Found<'a> {
         })
     }
 
-    /// The coordinates in the unit of their system, NaN where they are missing.
+    /// The coordinates in the unit of their system, NaN where missing.
     fn coordinates(
         &self,
         path: &Path,
@@ -298,7 +298,7 @@ impl<'a> Found<'a> {
         Ok((of(self.x, notes)?, of(self.y, notes)?))
     }
 
-    /// Heights in metres, NaN where they are missing.
+    /// Heights in metres, NaN where missing.
     fn heights(
         &self,
         path: &Path,
@@ -314,9 +314,9 @@ impl<'a> Found<'a> {
         heights.iter_mut().for_each(|alt| *alt *= factor);
         let possible = |alt: &f64| alt.is_nan() || limits("alt").is_none_or(|l| l.holds(*alt));
         if let Some(row) = heights.iter().position(|alt| usual && !possible(alt)) {
-            let what = format!("{} m is not a height of an aircraft", heights[row]);
-            let help = "if it marks a missing value, set `missing` or give `--missing`; `accept = [\"range\"]` or \
-                        `--accept range` takes the values as they are";
+            let what = format!("{} m is outside the possible heights of an aircraft", heights[row]);
+            let help = "if it marks a missing value, set `missing` or use `--missing`; set `accept = [\"range\"]` or \
+                        use `--accept range` to keep the values";
             return Err(ReadError::data(path, what).in_column(&column.name).in_row(row as u64).help(help));
         }
         Ok(heights)
@@ -337,7 +337,7 @@ impl<'a> Found<'a> {
         Ok(places)
     }
 
-    /// The line of each point and the lines' names. Lines of one name in two flights are two.
+    /// The line of each point and the lines' names. Lines with the same name in two flights are distinct.
     fn lines(&self, rows: &[usize]) -> (Vec<u32>, Vec<String>) {
         let names: Vec<String> = match self.line {
             Some(column) => {
@@ -378,8 +378,8 @@ impl<'a> Found<'a> {
     }
 }
 
-/// The columns of places: those that are named, else latitude and longitude, else eastings and northings (first where
-/// a projected system is given).
+/// The position columns: those in the options, else latitude and longitude, else eastings and northings (which come
+/// first if a projected system is given).
 fn place_columns<'a>(
     path: &Path,
     table: &'a Table,

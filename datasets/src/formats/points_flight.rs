@@ -11,16 +11,16 @@ use crate::ReadError;
 
 pub(super) const FORMAT: FlightFormat = FlightFormat {
     name: points_table::POINTS,
-    about: "survey points in any table: places, values and lines, where `format` says so",
+    about: "survey points in any table: positions, values and lines; requires `format = \"points\"`",
     extensions: &[],
-    // Any table of numbers could be points: only the user can tell.
+    // Any table of numbers could be points, so only the option selects the format.
     recognise: |_| false,
     open,
     topics: None,
     made_from: None,
 };
 
-/// The columns that a name of the file may be renamed to, to say where they are.
+/// Canonical columns that `rename` can assign to columns of the file.
 const ROLES: [&str; 7] = ["lon", "easting", "lat", "northing", "alt", "anomaly", "line"];
 
 fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadError> {
@@ -52,7 +52,7 @@ fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadEr
     let tt = match &points.extra.tt_s {
         Some(tt_s) => pick(tt_s),
         None => {
-            notes.push("the points have no time: `tt` counts the points of a line".to_owned());
+            notes.push("the points have no time, so `tt` counts the points of a line".to_owned());
             let counted = order.iter().enumerate().map(|(k, i)| {
                 let first = order.partition_point(|j| points.line[*j] < points.line[*i]);
                 Some((k - first) as f64)
@@ -70,7 +70,7 @@ fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadEr
         (known("lon"), pick(&points.lon_deg)),
         (known("alt"), pick(&points.height_m)),
         (
-            field("anomaly", DataType::Float64, "nT", Role::Aux, "magnetic anomaly of the survey"),
+            field("anomaly", DataType::Float64, "nT", Role::Aux, "total field anomaly of the survey"),
             pick(&points.value_nt),
         ),
     ];
@@ -89,7 +89,7 @@ fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadEr
     let schema = Arc::new(Schema::new(fields));
     let batch = RecordBatch::try_new(schema.clone(), arrays).map_err(|e| ReadError::data(path, e.to_string()))?;
     let parts = Box::new(std::iter::once(Ok(Part::whole(batch))));
-    // What says where a column is has been used; what else is renamed keeps its own name here.
+    // Renames to canonical columns were applied; the others follow later.
     let own = options.rename.iter().filter(|(_, to)| ROLES.contains(&to.as_str())).map(|(from, _)| from.clone());
     Ok(Raw { own: Some(own.collect()), notes, ..Raw::new(schema, parts) })
 }

@@ -14,13 +14,13 @@ use crate::{
     table::{Values, array},
 };
 
-/// The flight format of survey points, which is any of the others.
+/// The name of the flight format of survey points.
 pub(super) const POINTS: &str = "points";
 
 /// A column of a table of points.
 pub(super) struct Column {
     pub(super) name: String,
-    /// The unit that the file gives or the name ends in; empty where neither does.
+    /// The unit in the file or at the end of the name; empty for none.
     unit: String,
     chunks: Vec<ArrayRef>,
 }
@@ -29,7 +29,7 @@ pub(super) struct Column {
 pub(super) struct Table {
     pub(super) columns: Vec<Column>,
     pub(super) rows: usize,
-    /// The row that each line record stands before, and the name in it.
+    /// The row after each line record, and the name in the record.
     pub(super) records: Vec<(usize, String)>,
 }
 
@@ -81,7 +81,7 @@ fn from_flight(path: &Path, format: Option<&str>) -> Result<Table, ReadError> {
     let reader = open_flight(path, &options)?;
     let schema = reader.schema().clone();
     if reader.format() == "sgl_xyz" && !["lat", "lon"].iter().all(|n| schema.field_with_name(n).is_ok()) {
-        return Err(ReadError::data(path, "is not a flight log"));
+        return Err(ReadError::data(path, "the file is not a flight log"));
     }
     let batches = reader.collect::<Result<Vec<_>, _>>()?;
     Ok(of_batches(&schema, &batches))
@@ -162,8 +162,8 @@ impl Table {
     pub(super) fn lacks(&self, path: &Path, what: &str, option: &str, usual: &[&str]) -> ReadError {
         let names: Vec<&str> = self.columns.iter().map(|c| c.name.as_str()).collect();
         let usual: Vec<&str> = usual.iter().take(4).copied().collect();
-        ReadError::options(path, format!("no column has the usual name for {what} ({}, ...)", usual.join(", ")))
-            .help(format!("give it with `{option}`; the columns are {}", names.join(", ")))
+        ReadError::options(path, format!("no column has a usual name for {what} ({}, ...)", usual.join(", ")))
+            .help(format!("set `{option}` to one of the columns {}", names.join(", ")))
     }
 
     /// The line of each row by the line records.
@@ -197,7 +197,7 @@ impl Column {
         Ok((factor, self.unit.clone()))
     }
 
-    /// Whether its unit is one of angles.
+    /// Whether its unit is an angle.
     pub(super) fn is_angle(&self) -> bool {
         convert(&self.unit, "deg").is_some()
     }
@@ -205,24 +205,24 @@ impl Column {
     /// The unit of a coordinate: that of the file, else that of the name.
     ///
     /// # Errors
-    /// Fails for a unit that is not known.
+    /// Fails for an unknown unit.
     pub(super) fn axis_unit(&self, path: &Path) -> Result<Option<AxisUnit>, ReadError> {
         let said = if self.unit.is_empty() { split_unit(&self.name).1 } else { &self.unit };
         AxisUnit::read(path, &self.name, said)
     }
 
-    /// The numbers of the file, in its own unit.
+    /// The numbers of the file, in the unit of the file.
     ///
     /// # Errors
-    /// Fails for values that are no numbers.
+    /// Fails for values that are not numbers.
     pub(super) fn numbers(&self, path: &Path) -> Result<Vec<f64>, ReadError> {
         self.in_unit(path, "")
     }
 
-    /// The numbers, in a unit; unchanged where that is empty, or the file gives none.
+    /// The numbers in a unit; unchanged if the unit is empty or the file gives none.
     ///
     /// # Errors
-    /// Fails for values that are no numbers, and a unit that does not convert.
+    /// Fails for values that are not numbers, and a unit that does not convert.
     pub(super) fn in_unit(&self, path: &Path, wanted: &str) -> Result<Vec<f64>, ReadError> {
         let factor = if wanted.is_empty() { 1.0 } else { self.factor(path, wanted)?.0 };
         let mut out = vec![];

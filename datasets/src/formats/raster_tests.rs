@@ -1,5 +1,5 @@
-//! Rasters whose stored numbers are not the values: packing, masks, markers, units of coordinates, and values that cannot
-//! be. `tests/cases/maps` holds files of other programs; their siblings are made here.
+//! Rasters whose stored numbers are not the values: packing, masks, markers, units of coordinates, and values that
+//! cannot be. `tests/cases/maps` holds files of other programs; their siblings are made here.
 
 #![allow(clippy::unwrap_used, clippy::panic)]
 
@@ -103,7 +103,7 @@ fn unit_packing_and_no_data_of_every_type_of_band() {
     let partial = SCALED.replace(" role=\"scale\"", "");
     let broken = Image::band(2, 2, 8, 1, vec![255, 0, 10, 100]).text(42112, &partial);
     let fault = bytes("m.tif", &tiff(&[broken]), &MapOptions::default()).unwrap_err();
-    assert!(fault.contains("the scale of the band (tag 42112) does not name its band and role"), "{fault}");
+    assert!(fault.contains("the scale of the band (tag 42112) lacks its band and role"), "{fault}");
 }
 
 #[test]
@@ -135,7 +135,7 @@ fn unit_masks_alpha_bands_and_white_as_zero() {
     let fault = read(&[band.clone(), small]).unwrap_err();
     assert!(fault.contains("the mask of the file has 1 x 2 cells, not 2 x 2"), "{fault}");
     let second = read(&[band.clone(), band.clone()]).unwrap();
-    assert!(second.notes.iter().any(|n| n == "1 further images of the file are not read"), "{:?}", second.notes);
+    assert!(second.notes.iter().any(|n| n == "1 other images of the file are ignored"), "{:?}", second.notes);
 
     // An alpha band, cell by cell and plane by plane.
     let mixed = cells(&[1.0_f32, 0.0, 2.0, 255.0, 3.0, 255.0, 4.0, 255.0], f32::to_le_bytes);
@@ -148,7 +148,7 @@ fn unit_masks_alpha_bands_and_white_as_zero() {
     }
     let two = Image::band(2, 2, 32, 3, mixed).with(277, &[2]).with(338, &[0]).with(258, &[32, 32]).with(339, &[3, 3]);
     let fault = read(&[two]).unwrap_err();
-    assert!(fault.contains("a map has one band"), "{fault}");
+    assert!(fault.contains("a map must have one band"), "{fault}");
 
     // Photometric interpretation is for screens: the numbers are the values.
     let white = Image::band(2, 2, 16, 1, cells(&[1_u16, 2, 3, 4], u16::to_le_bytes)).with(262, &[0]);
@@ -170,11 +170,11 @@ fn unit_side_files_are_applied_and_never_to_another_file() {
     assert!(same(&map, (15.0, 195.0, 1)), "{:?}", map.anomaly_nt);
     assert_eq!(map_files(&path).unwrap(), [path.clone(), aux.clone()]);
     let fault = write_grid(&path, &map, None).unwrap_err().to_string();
-    assert!(fault.contains("m.tif.aux.xml` belongs to a former file"), "{fault}");
+    assert!(fault.contains("m.tif.aux.xml` belongs to an earlier file"), "{fault}");
     // What contradicts the file itself is refused.
     fs::write(&path, tiff(&[image.clone().text(42112, SCALED)])).unwrap();
     let fault = read_grid(&path, &MapOptions::default()).unwrap_err().to_string();
-    assert!(fault.contains("gives 2 as scale or offset, the file itself 0.5"), "{fault}");
+    assert!(fault.contains("has 2 as scale or offset, but the file itself has 0.5"), "{fault}");
     fs::remove_file(&aux).unwrap();
     fs::write(&path, tiff(&[image])).unwrap();
     // A mask in a file: the first row is the northernmost.
@@ -258,10 +258,10 @@ fn unit_attributes_of_netcdf_say_how_numbers_are_read() {
         assert!(same(&map, expected), "{name}: {:?} {:?}", map.anomaly_nt, map.notes);
     }
     for (attribute, what) in [
-        (("scale_factor", Text("a half")), "`scale_factor` is `a half`, not a number"),
-        (("_Unsigned", Text("maybe")), "`_Unsigned` is `maybe`, not true or false"),
-        (("valid_range", Shorts(vec![5])), "`valid_range` has 1 numbers, not two"),
-        (("scale_factor", Doubles(vec![0.0])), "the scale 0 and the offset 0 of the values define no value"),
+        (("scale_factor", Text("a half")), "`scale_factor` must be a number, not `a half`"),
+        (("_Unsigned", Text("maybe")), "`_Unsigned` must be true or false, not `maybe`"),
+        (("valid_range", Shorts(vec![5])), "`valid_range` must have two numbers, not 1"),
+        (("scale_factor", Doubles(vec![0.0])), "the scale 0 and the offset 0 of the values are invalid"),
     ] {
         let values = Shorts(vec![1, 2, 3, 4]);
         let file = netcdf(&[1.0, 2.0], &[1.0, 2.0], ["degrees_east", "degrees_north"], values, &[attribute]);
@@ -271,6 +271,98 @@ fn unit_attributes_of_netcdf_say_how_numbers_are_read() {
 }
 
 #[test]
+<<<<<<< HEAD
+=======
+fn unit_units_of_coordinates_in_every_format() {
+    let grid = |units: [&'static str; 2], x: f64, step: f64| {
+        let values = Attribute::Shorts(vec![1, 2, 3, 4]);
+        netcdf(&[x, x + step], &[x, x + step], units, values, &[("units", Attribute::Text("nT"))])
+    };
+    let west = |file: &[u8], name: &str, options: &MapOptions| bytes(name, file, options).map(|m| m.x.first);
+    let foot = 1200.0 / 3937.0;
+    for (units, x, step, expected) in [
+        (["km"; 2], 500.0, 0.2, 500_000.0),
+        (["kilometer"; 2], 500.0, 0.2, 500_000.0),
+        (["US survey foot"; 2], 1_640_416.0, 600.0, 1_640_416.0 * foot),
+        (["ft"; 2], 1_640_416.0, 600.0, 1_640_416.0 * 0.3048),
+        (["0.3048 m"; 2], 1_640_416.0, 600.0, 1_640_416.0 * 0.3048),
+        (["m"; 2], 500_000.0, 200.0, 500_000.0),
+        (["1"; 2], 500_000.0, 200.0, 500_000.0),
+    ] {
+        let found = west(&grid(units, x, step), "m.nc", &utm()).unwrap();
+        assert!((found - expected).abs() < 1e-6, "{units:?}: {found}");
+    }
+    for (units, what) in [
+        (["furlong"; 2], "the unit `furlong` of the coordinates is unknown"),
+        (["degrees_east", "degrees_north"], "the coordinates are in degrees, but EPSG:32754"),
+        (["km", "m"], "the coordinates are in two units, km and m"),
+    ] {
+        let fault = west(&grid(units, 50.0, 0.2), "m.nc", &utm()).unwrap_err();
+        assert!(fault.contains(what), "{units:?}: {fault}");
+    }
+    let degrees = MapOptions { epsg: Some(4326), ..MapOptions::default() };
+    let fault = west(&grid(["m"; 2], 50.0, 0.2), "m.nc", &degrees).unwrap_err();
+    assert!(fault.contains("the coordinates are in m, but EPSG:4326") && fault.contains("in degrees"), "{fault}");
+
+    // GeoTIFF: ProjLinearUnits, and a unit of the file's own.
+    let keys = |unit: u16| vec![1, 1, 0, 4, 1024, 0, 1, 1, 1025, 0, 1, 1, 3072, 0, 1, 32767, 3076, 0, 1, unit];
+    let image = |keys: &[u16]| Image::band(2, 2, 8, 1, vec![1, 2, 3, 4]).with(34735, keys);
+    let corner = 500_000.0 + 100.0;
+    for (code, metres) in [(9001, 1.0), (9002, 0.3048), (9003, foot), (9036, 1000.0)] {
+        let found = west(&tiff(&[image(&keys(code))]), "m.tif", &utm()).unwrap();
+        assert!((found - corner * metres).abs() < 1e-6, "{code}: {found}");
+    }
+    let mut own = keys(32767);
+    own[3] = 5;
+    own.extend([3077, 34736, 1, 0]);
+    let mut with_size = image(&own);
+    with_size.doubles.push((34736, vec![0.5]));
+    assert!((west(&tiff(&[with_size]), "m.tif", &utm()).unwrap() - 0.5 * corner).abs() < 1e-6);
+    let fault = west(&tiff(&[image(&own)]), "m.tif", &utm()).unwrap_err();
+    assert!(fault.contains("user-defined, but its size is missing"), "{fault}");
+    let fault = west(&tiff(&[image(&keys(9999))]), "m.tif", &utm()).unwrap_err();
+    assert!(fault.contains("the unit EPSG:9999 of the coordinates is unknown"), "{fault}");
+    // The file's own system and unit contradict each other; naming the system settles it.
+    let mut both = keys(9003);
+    both[15] = 32754;
+    let fault = west(&tiff(&[image(&both)]), "m.tif", &MapOptions::default()).unwrap_err();
+    assert!(
+        fault.contains("in US survey feet, but EPSG:32754") && fault.contains("`epsg` = 32754 confirms"),
+        "{fault}"
+    );
+
+    // Columns of text, GXF, ER Mapper and Esri's well-known text.
+    let text = |names: &str| format!("{names}\n500 7600 1\n500.2 7600 2\n500 7600.2 3\n500.2 7600.2 4\n");
+    for names in ["easting_km northing_km anomaly", "X_km Y_km anomaly"] {
+        let found = west(text(names).as_bytes(), "m.xyz", &utm()).unwrap();
+        assert!((found - 500_000.0).abs() < 1e-6, "{names}: {found}");
+    }
+    let csv = "X (ft),Y (ft),anomaly\n500,7600,1\n510,7600,2\n500,7610,3\n510,7610,4\n";
+    assert!((west(csv.as_bytes(), "m.csv", &utm()).unwrap() - 152.4).abs() < 1e-9);
+    let gxf = fs::read_to_string(case("km.gxf")).unwrap();
+    let fault = west(gxf.replace("\"km\",1000", "\"ft\",1000").as_bytes(), "m.gxf", &utm()).unwrap_err();
+    assert!(fault.contains("#UNIT_LENGTH gives the unit `ft` a wrong length of 1000 m"), "{fault}");
+    let fault = west(gxf.replace("\"km\",1000", "\"cubit\"").as_bytes(), "m.gxf", &utm()).unwrap_err();
+    assert!(fault.contains("the unit `cubit` of the coordinates is unknown"), "{fault}");
+    let folder = TempDir::new().unwrap();
+    let asc = folder.path().join("m.asc");
+    fs::copy(case("nodata.asc"), &asc).unwrap();
+    let wkt = Crs::from_epsg(Path::new(""), 32754).unwrap().wkt().to_owned();
+    fs::write(asc.with_extension("prj"), &wkt).unwrap();
+    assert_eq!(read_grid(&asc, &MapOptions::default()).unwrap().x.first, 500_000.0);
+    let metre = ["UNIT[\"metre\",1", "UNIT[\"Meter\",1"].into_iter().find(|u| wkt.contains(u)).unwrap();
+    fs::write(asc.with_extension("prj"), wkt.replace(metre, "UNIT[\"Kilometer\",1000")).unwrap();
+    assert_eq!(read_grid(&asc, &MapOptions::default()).unwrap().x.first, 5e8);
+    write_grid(&folder.path().join("m.ers"), &read_grid(&case("km.gxf"), &utm()).unwrap(), None).unwrap();
+    let header = folder.path().join("m.ers");
+    let feet = fs::read_to_string(&header).unwrap().replace("METERS", "FEET");
+    fs::write(&header, feet).unwrap();
+    let found = read_grid(&header, &utm()).unwrap().x.first;
+    assert!((found - 152_400.0).abs() < 1e-6, "{found}");
+}
+
+#[test]
+>>>>>>> e94a3d7108c1eefbbec4fc47b1a28179630c0617
 fn unit_markers_of_text_and_binary_grids_in_both_precisions() {
     let asc = |marker: &str, cell: &str| {
         format!("ncols 2\nnrows 2\nxllcorner 0\nyllcorner 0\ncellsize 1\nNODATA_value {marker}\n{cell} 1\n2 3\n")
@@ -300,6 +392,145 @@ fn unit_markers_of_text_and_binary_grids_in_both_precisions() {
 }
 
 #[test]
+<<<<<<< HEAD
+=======
+fn r10_values_that_no_rock_makes() {
+    let fault = read_grid(&case("emag2.nc"), &MapOptions::default()).unwrap_err().to_string();
+    for part in [
+        "emag2.nc, column `anomaly`: in row ",
+        "99,999 nT is not a magnetic anomaly (-20,000 to 20,000 nT), and 1 more of 63 values are outside too",
+        "set `missing = [99999]` in the table of the spec or use `--missing=99999`",
+        "`accept = [\"range\"]`",
+    ] {
+        assert!(fault.contains(part), "{part}: {fault}");
+    }
+    let missing = MapOptions { missing: vec!["99999".into()], ..MapOptions::default() };
+    assert!(same(&read_grid(&case("emag2.nc"), &missing).unwrap(), (0.025, 600.825, 2)));
+    let accepted = MapOptions { accept: vec![Accept::Range], ..MapOptions::default() };
+    assert_eq!(range_of(&read_grid(&case("emag2.nc"), &accepted).unwrap()).1, 99_999.0);
+
+    let cells = [5.0, 6.0, 7.0, 1e308_f64].into_iter().flat_map(f64::to_le_bytes).collect();
+    let huge = tiff(&[Image::band(2, 2, 64, 3, cells)]);
+    let fault = bytes("m.tif", &huge, &MapOptions::default()).unwrap_err();
+    assert!(fault.contains("1e308 nT is not a magnetic anomaly") && fault.contains("missing = [1e308]"), "{fault}");
+    let summary = bytes("m.tif", &huge, &accepted).unwrap().summary().unwrap();
+    let (low, mean, high) = summary.min_mean_max_nt;
+    assert!(low.is_finite() && mean.is_finite() && high == 1e308 && summary.std_nt.is_finite(), "{summary:?}");
+    let unknown = MapOptions { missing: vec!["1e308".into()], ..MapOptions::default() };
+    assert!(same(&bytes("m.tif", &huge, &unknown).unwrap(), (5.0, 7.0, 1)));
+
+    // Siblings, in every format: one value among three of an anomaly, in the unit of the file.
+    let text = |value: &str| format!("lon,lat,anomaly\n1,1,5\n2,1,6\n1,2,7\n2,2,{value}\n");
+    let read = |value: &str, options: &MapOptions| bytes("m.csv", text(value).as_bytes(), options);
+    for value in ["99999", "1e20", "-1e34", "32767", "-1e308", "54321", "9999", "-65536"] {
+        let fault = read(value, &MapOptions::default()).unwrap_err();
+        assert!(fault.contains("`missing = ["), "{value}: {fault}");
+        assert!(read(value, &accepted).is_ok(), "{value}");
+        let missing = MapOptions { missing: vec![value.into()], ..MapOptions::default() };
+        assert_eq!(range_of(&read(value, &missing).unwrap()), (5.0, 7.0, 1), "{value}");
+    }
+    for value in ["-1e32", "-99999"] {
+        assert!(same(&read(value, &MapOptions::default()).unwrap(), (5.0, 7.0, 1)), "{value}");
+    }
+    for value in ["inf", "-inf", "1e32", "-32768", "1.70141e38"] {
+        let map = read(value, &MapOptions::default()).unwrap();
+        assert!(same(&map, (5.0, 7.0, 1)) && map.notes.iter().any(|n| n.contains("treated as unknown")), "{value}");
+    }
+    let tesla = MapOptions { unit: Some("T".into()), ..MapOptions::default() };
+    let fault = read("1e300", &tesla).unwrap_err();
+    assert!(fault.contains(" T ("), "{fault}");
+    // A total field is one, and says so; a derivative has the same bound.
+    let total = "lon,lat,anomaly\n1,1,54000\n2,1,54100\n1,2,54200\n2,2,54300\n";
+    let map = bytes("m.csv", total.as_bytes(), &MapOptions::default()).unwrap();
+    assert!(map.notes.iter().any(|n| n.contains("are a total field")), "{:?}", map.notes);
+    let fault = bytes("m.csv", total.replace("54300", "99999").as_bytes(), &MapOptions::default()).unwrap_err();
+    assert!(fault.contains("99,999 nT is not a total field of the earth (15,000 to 80,000 nT)"), "{fault}");
+    let slope = MapOptions { unit: Some("nT/m".into()), ..MapOptions::default() };
+    assert!(read("99999", &slope).unwrap_err().contains("a derivative of a magnetic anomaly"));
+    let heights = "lon,lat,anomaly,alt\n1,1,5,300\n2,1,6,300\n1,2,7,310\n2,2,8,1e7\n";
+    let fault = bytes("m.csv", heights.as_bytes(), &MapOptions::default()).unwrap_err();
+    assert!(fault.contains("10000000 m is outside the possible heights of a map"), "{fault}");
+    let map = bytes("m.csv", heights.replace("1e7", "-99999").as_bytes(), &MapOptions::default()).unwrap();
+    assert!(matches!(&map.height, Height::Cells(cells) if cells[3].is_nan()), "{:?}", map.height);
+    let word = MapOptions { missing: vec!["dropout".into()], ..MapOptions::default() };
+    assert!(read("8", &word).unwrap_err().contains("`dropout` of `missing` is not a number"));
+}
+
+#[test]
+fn r10_values_of_survey_points() {
+    let folder = TempDir::new().unwrap();
+    let path = folder.path().join("p.csv");
+    let read = |rows: &str, options: &PointOptions| {
+        fs::write(&path, rows).unwrap();
+        read_points(&path, options).map_err(|e| e.to_string())
+    };
+    let plain = PointOptions::default();
+    let rows = |value: &str, height: &str| {
+        format!("lon,lat,alt,anomaly\n140,-22,100,5\n140.01,-22,{height},6\n140.02,-22,100,{value}\n140.03,-22,100,8\n")
+    };
+    for value in ["99999", "1e308", "9999"] {
+        let fault = read(&rows(value, "100"), &plain).unwrap_err();
+        assert!(
+            fault.contains("row 2") && fault.contains("column `anomaly`") && fault.contains("--missing="),
+            "{fault}"
+        );
+        let missing = PointOptions { missing: vec![value.into()], ..PointOptions::default() };
+        assert!(read(&rows(value, "100"), &missing).unwrap().value_nt[2].is_nan(), "{value}");
+        let accepted = PointOptions { accept: vec![Accept::Range], ..PointOptions::default() };
+        assert!(read(&rows(value, "100"), &accepted).unwrap().value_nt[2] > 9000.0, "{value}");
+    }
+    assert!(read(&rows("inf", "100"), &plain).unwrap().value_nt[2].is_nan());
+    let fault = read(&rows("7", "1e7"), &plain).unwrap_err();
+    assert!(
+        fault.contains("column `alt`") && fault.contains("is outside the possible heights of an aircraft"),
+        "{fault}"
+    );
+    assert!(read(&rows("7", "-99999"), &plain).unwrap().height_m[1].is_nan());
+    let total =
+        rows("54300", "100").replace(",5\n", ",54000\n").replace(",6\n", ",54100\n").replace(",8\n", ",54200\n");
+    assert!(read(&total, &plain).unwrap().notes.iter().any(|n| n.contains("total field")));
+}
+
+#[test]
+fn ref_points_in_other_units_of_length() {
+    let points =
+        read_points(&case("points_km.parquet"), &PointOptions { epsg: Some(32754), ..PointOptions::default() });
+    let points = points.unwrap_or_else(|e| panic!("{e}"));
+    let (west, south) = points
+        .easting_m
+        .iter()
+        .zip(&points.northing_m)
+        .fold((f64::MAX, f64::MAX), |(a, b), (x, y)| (a.min(*x), b.min(*y)));
+    assert!((500_000.0..501_000.0).contains(&west) && south > 7.5e6, "{west} {south}");
+    assert!((points.lat_deg[0] + 21.7).abs() < 0.1, "{}", points.lat_deg[0]);
+
+    let folder = TempDir::new().unwrap();
+    let read = |names: &str, (x, y): (f64, f64)| {
+        let path = folder.path().join("p.csv");
+        let text = format!("{names},anomaly\n{x},{y},1\n{x},{},2\n", y + 0.1);
+        fs::write(&path, text).unwrap();
+        let found = read_points(&path, &PointOptions { epsg: Some(32754), ..PointOptions::default() });
+        found.map(|p| (p.easting_m[0], p.northing_m[0])).map_err(|e| e.to_string())
+    };
+    let near = |a: (f64, f64), b: (f64, f64)| (a.0 - b.0).abs() < 1e-3 && (a.1 - b.1).abs() < 1e-3;
+    for (names, place, metres) in [
+        ("easting_km,northing_km", (500.0, 7600.0), 1000.0),
+        ("X (ft),Y (ft)", (1_640_419.9, 24_934_383.2), 0.3048),
+        ("easting [US survey foot],northing [US survey foot]", (1_640_416.7, 24_934_333.3), 1200.0 / 3937.0),
+        ("utm_x_m,utm_y_m", (500_000.0, 7_600_000.0), 1.0),
+        ("x,y", (500_000.0, 7_600_000.0), 1.0),
+    ] {
+        let found = read(names, place).unwrap_or_else(|e| panic!("{names}: {e}"));
+        assert!(near(found, (place.0 * metres, place.1 * metres)), "{names}: {found:?}");
+    }
+    let fault = read("easting_km,northing_m", (500.0, 7600.0)).unwrap_err();
+    assert!(fault.contains("two units, km and m"), "{fault}");
+    let fault = read("lon,lat", (140.0, -22.0)).unwrap_err();
+    assert!(fault.contains("the coordinates are in degrees, but EPSG:32754"), "{fault}");
+}
+
+#[test]
+>>>>>>> e94a3d7108c1eefbbec4fc47b1a28179630c0617
 fn gold_formats_that_are_not_read_are_named() {
     let geosoft = fs::read(case("geosoft.grd")).unwrap();
     let mut tar = vec![b'a'; 512];

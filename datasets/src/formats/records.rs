@@ -1,4 +1,4 @@
-//! Records of one length, as binary logs hold them, to columns of numbers and texts.
+//! Conversion of fixed-length records of binary logs to columns of numbers and texts.
 
 use std::{path::Path, sync::Arc};
 
@@ -46,9 +46,9 @@ impl Kind {
 pub(super) struct Column {
     pub(super) name: String,
     pub(super) kind: Kind,
-    /// Of its first byte in the record.
+    /// Offset of its first byte in the record.
     pub(super) offset: usize,
-    /// What the stored number is divided by.
+    /// Divisor of the stored number.
     pub(super) divisor: f64,
     /// The unit of the quotient; empty where the file states none.
     pub(super) unit: String,
@@ -60,7 +60,7 @@ impl Column {
     }
 }
 
-/// Which whole numbers of 64 bits a column holds: most are exact in a Float64, some are not.
+/// Representation of a column of 64-bit integers: most are exact in a Float64, some are not.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 enum Width {
     /// All are exact in a Float64.
@@ -87,7 +87,7 @@ impl Widths {
         Widths { wide, found: vec![Width::Float; columns.len()] }
     }
 
-    /// Takes note of a record.
+    /// Examines a record.
     #[inline]
     pub(super) fn look(&mut self, record: &[u8]) {
         for (i, offset, unsigned) in &self.wide {
@@ -158,7 +158,7 @@ impl Records {
         self.bytes.len() >= ROWS.min((CELLS / self.columns.len().max(1)).max(1)) * self.stride
     }
 
-    /// Adds a record; what is longer than a record is left out, a shorter one is an error of the caller and ignored.
+    /// Adds a record. Excess bytes are dropped; a shorter record is an error of the caller and ignored.
     #[inline]
     pub(super) fn push(&mut self, record: &[u8]) {
         if let Some(record) = record.get(..self.stride) {
@@ -166,7 +166,7 @@ impl Records {
         }
     }
 
-    /// The records as a batch, and none left.
+    /// Takes the records as a batch.
     pub(super) fn take(&mut self, path: &Path) -> Result<RecordBatch, ReadError> {
         let columns = self.columns.iter().enumerate().map(|(i, c)| self.column(c, self.widths.of(i))).collect();
         let batch = RecordBatch::try_new(self.schema.clone(), columns);
@@ -227,7 +227,7 @@ impl Records {
     }
 }
 
-/// Text up to a NUL; bytes that are not UTF-8 are taken as Latin-1.
+/// Text up to a NUL; bytes that are not UTF-8 are read as Latin-1.
 pub(super) fn text(bytes: &[u8]) -> String {
     let bytes = bytes.split(|b| *b == 0).next().unwrap_or_default();
     match std::str::from_utf8(bytes) {
@@ -248,8 +248,8 @@ fn half(bits: u16) -> f64 {
     if sign == 1 { -magnitude } else { magnitude }
 }
 
-/// The rows of one topic in batches. `step` takes the next message of the file, pushes its record where it is of the topic,
-/// and returns whether there was one.
+/// The rows of one topic in batches. `step` takes the next message of the file, pushes its record where it is of the
+/// topic, and returns whether there was one.
 pub(super) fn batches(
     path: &Path,
     mut records: Records,

@@ -11,7 +11,7 @@ use crate::{
 };
 
 /// Names in `.xyz` headers, names in HDF5 files, and the unit where it is not the canonical one.
-/// A canonical name stands where the meaning is exactly the contract's.
+/// A canonical name is used if the meaning is exactly the canonical one.
 const FIELDS: &[(&str, &str, &str)] = &[
     ("LINE", "line", ""),
     ("FLT", "flight", ""),
@@ -52,7 +52,7 @@ const FIELDS: &[(&str, &str, &str)] = &[
     ("PITCHRT", "pitch_rate", "deg/s"),
     ("ROLLRT", "roll_rate", "deg/s"),
     ("YAWRT", "yaw_rate", "deg/s"),
-    // Standard gravities: spelt out, since `g` is gauss to the converter.
+    // Standard gravity is spelt out, as the converter reads `g` as gauss.
     ("LONG_ACC", "lgtl_acc", "standard gravity"),
     ("LAT_ACC", "ltrl_acc", "standard gravity"),
     ("NORM_ACC", "nrml_acc", "standard gravity"),
@@ -98,7 +98,7 @@ pub(super) fn name_of_header(header: &str) -> String {
     }
 }
 
-/// The unit that the values of a field have; empty for the canonical one.
+/// The unit of the values of a field; empty for the canonical unit.
 pub(super) fn unit_of(name: &str, ins_angle: &'static str) -> &'static str {
     match name {
         "ins_lat" | "ins_lon" => ins_angle,
@@ -106,17 +106,17 @@ pub(super) fn unit_of(name: &str, ins_angle: &'static str) -> &'static str {
     }
 }
 
-/// The unit of `ins_lat` and `ins_lon`, on which the readme and the files disagree: the one
-/// that agrees with the GNSS latitude, radians where there is none to compare with.
+/// The unit of `ins_lat` and `ins_lon`, on which the readme and the files disagree. It is the unit that agrees with the
+/// GNSS latitude; without a GNSS latitude it is radians.
 pub(super) fn ins_angle(lat_deg: Option<f64>, ins_lat: Option<f64>) -> &'static str {
     match (lat_deg, ins_lat) {
-        // An INS is never a degree off; 1 rad and 1 deg of latitude differ by more beyond 1.02 degrees.
+        // INS errors are below one degree; beyond a latitude of 1.02 degrees, rad and deg differ by more.
         (Some(lat), Some(ins)) if (ins - lat).abs() < 1.0 && (ins.to_degrees() - lat).abs() > 1.0 => "deg",
         _ => "rad",
     }
 }
 
-/// One line of the survey with the contract's columns, from the columns of the file.
+/// One line of the survey with the canonical columns, from the columns of the file.
 ///
 /// - `utm_z` is the height above the ellipsoid, `alt`.
 /// - `ins_vw` (west) and `ins_vu` (up) become `ins_ve` and `ins_vd`.
@@ -124,7 +124,7 @@ pub(super) fn ins_angle(lat_deg: Option<f64>, ins_lat: Option<f64>) -> &'static 
 /// - `vn`, `ve`, `vd` are differences of the positions on the ellipsoid over the line.
 /// - `igrf` is `mag_1_dc - mag_1_igrf`.
 ///
-/// A column that the file lacks is absent, not filled in.
+/// A column that the file lacks is absent.
 ///
 /// Faults of single rows are returned with the table.
 pub(super) fn finish(path: &Path, mut table: Table) -> Result<(Table, Vec<RowFault>), ReadError> {
@@ -150,7 +150,7 @@ pub(super) fn finish(path: &Path, mut table: Table) -> Result<(Table, Vec<RowFau
     for (name, spell) in [("line", line_text as fn(f64) -> String), ("flight", |x| x.to_string())] {
         match table.take(name) {
             Some(Values::Number(x)) => {
-                // A missing identifier is not text; the merge of the lines reports it.
+                // The merge of the lines reports a missing identifier.
                 let text = |x: &f64| if x.is_finite() { spell(*x) } else { String::new() };
                 table.push_front(name, Values::Text(x.iter().map(text).collect()));
             }

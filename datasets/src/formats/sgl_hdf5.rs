@@ -1,4 +1,4 @@
-//! The HDF5 files of the SGL surveys of 2020 and 2021, as MagNav.jl writes them: one data set a field.
+//! The HDF5 files of the SGL surveys of 2020 and 2021, as MagNav.jl writes them: one data set per field.
 //! One line of the survey at a time is in memory.
 
 use std::{
@@ -20,7 +20,7 @@ use crate::{
 
 pub(super) const FORMAT: FlightFormat = FlightFormat {
     name: "sgl_hdf5",
-    about: "SGL survey 2020 or 2021 in HDF5, one data set a field",
+    about: "SGL survey 2020 or 2021 in HDF5, one data set per field",
     extensions: &["h5", "hdf5"],
     recognise: |head: &Head| {
         let names = head.hdf5_names();
@@ -43,7 +43,7 @@ fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadEr
     let time = options.rename.iter().find(|(own, to)| *to == "tt" && file.has(own)).map_or("tt", |(own, _)| own);
     let rows = file.need(time)?.shape.first().copied().unwrap_or(0);
     if rows == 0 {
-        return Err(ReadError::data(path, "holds no samples").in_column("tt"));
+        return Err(ReadError::data(path, "the file holds no samples").in_column("tt"));
     }
     let mut sets = vec![];
     for name in file.names() {
@@ -53,7 +53,7 @@ fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadEr
             continue;
         }
         if set.shape != [rows] {
-            return Err(set.damaged(&format!("holds {} values where `tt` has {rows}", set.shape[0])));
+            return Err(set.damaged(&format!("has {} values, but `tt` has {rows}", set.shape[0])));
         }
         sets.push((name.clone(), set));
     }

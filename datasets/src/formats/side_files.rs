@@ -1,5 +1,5 @@
-//! The files next to a raster in which GDAL keeps what its format cannot store: `.aux.xml` (no-data value, scale and
-//! offset, unit) and `.msk` (a mask of unknown cells). [GDAL, "PAM", "External mask band"]
+//! The files next to a raster in which GDAL stores data that the format cannot hold: `.aux.xml` (no-data value, scale
+//! and offset, unit) and `.msk` (a mask of unknown nodes). [GDAL, "PAM", "External mask band"]
 
 use std::path::{Path, PathBuf};
 
@@ -29,15 +29,15 @@ pub(super) fn existing(path: &Path) -> Vec<PathBuf> {
     [".aux.xml", ".msk"].into_iter().map(beside).filter(|p| p.is_file()).collect()
 }
 
-/// Rejects an output whose place has side files of another map: they would be applied to it.
+/// Rejects an output path with side files of another map, which would be applied to the new map.
 ///
 /// # Errors
 /// Fails where there is one.
 pub(super) fn refuse_stale(path: &Path) -> Result<(), ReadError> {
     let stale = existing(path).into_iter().next();
     stale.map_or(Ok(()), |side| {
-        let what = format!("`{}` belongs to a former file and would be applied to the new one", side.display());
-        Err(ReadError::options(path, what).help("remove it, or choose another name"))
+        let what = format!("`{}` belongs to an earlier file and would be applied to the new one", side.display());
+        Err(ReadError::options(path, what).help("remove it, or choose another output name"))
     })
 }
 
@@ -81,8 +81,8 @@ impl SideFiles {
         Ok(())
     }
 
-    /// Masks the values as they are stored, and settles their packing. `reversed` says that the last row of `values` is the
-    /// first of the raster.
+    /// Masks the stored values and determines their packing. With `reversed`, the last row of `values` is the first of
+    /// the raster.
     ///
     /// # Errors
     /// Fails for a packing that contradicts that of the map's own file.
@@ -113,8 +113,9 @@ impl SideFiles {
             match said {
                 Some(said) if *own == plain => *own = *said,
                 Some(said) if said != own => {
-                    let what = format!("the `.aux.xml` file gives {said} as scale or offset, the file itself {own}");
-                    return Err(ReadError::data(path, what).help("remove the one that is wrong"));
+                    let what =
+                        format!("the `.aux.xml` file has {said} as scale or offset, but the file itself has {own}");
+                    return Err(ReadError::data(path, what).help("correct or remove the wrong value"));
                 }
                 _ => {}
             }

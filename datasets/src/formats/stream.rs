@@ -70,16 +70,16 @@ impl<R: Read> Forward<R> {
     }
 }
 
-/// What was skipped as damaged.
+/// Damaged bytes that were skipped.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Damage {
-    /// Stretches of bytes that follow each other without a message between.
+    /// Number of runs of damaged bytes between messages.
     pub(super) stretches: u64,
     /// Bytes in them.
     pub(super) bytes: u64,
     /// The position of the first.
     first: u64,
-    /// Where the last ends.
+    /// End of the last run.
     end: u64,
 }
 
@@ -98,7 +98,7 @@ impl Damage {
         (self.bytes, self.end) = (self.bytes + bytes, at + bytes);
     }
 
-    /// A note for the user, where there is damage.
+    /// A note for the user if there is damage.
     pub(super) fn note(&self) -> Option<String> {
         let places = if self.stretches == 1 { "1 place".to_owned() } else { format!("{} places", self.stretches) };
         let Damage { bytes, first, .. } = self;

@@ -340,7 +340,7 @@ fn gold_files_that_no_format_knows() {
     let path = written(&folder, "empty.h5", "");
     assert_eq!(said(&path, &default), format!("{}: the file is empty", path.display()));
     let path = folder.path().join("none.csv");
-    assert_eq!(said(&path, &default), format!("{}: there is no such file", path.display()));
+    assert_eq!(said(&path, &default), format!("{}: the file does not exist", path.display()));
     let map = read_map(&written(&folder, "b.bin", "\0"), &MapOptions::default()).unwrap_err().to_string();
     assert!(
         map.ends_with(
@@ -421,7 +421,7 @@ fn unit_a_file_cut_short_is_an_error_that_names_it() {
             match outcome(&path, map) {
                 Err(said) => assert!(said.contains("cut."), "{name} {length}: {said}"),
                 // Text cut at the end of a row is a shorter table.
-                Ok(()) => assert!(text, "{name}: {length} bytes were taken for the whole"),
+                Ok(()) => assert!(text, "{name}: {length} bytes were accepted as complete"),
             }
         }
     }

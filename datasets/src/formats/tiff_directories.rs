@@ -1,10 +1,10 @@
-//! The directories of a TIFF file, as far as they say which of its images are masks and overviews. [TIFF 6.0, BigTIFF]
+//! The directories of a TIFF file, which identify masks and overviews among its images. [TIFF 6.0, BigTIFF]
 
-/// The tags that are looked for.
+/// The tags that are read.
 const SUBFILE: u16 = 254;
 const PHOTOMETRIC: u16 = 262;
 
-/// The most directories; more are a cycle.
+/// Maximum number of directories; more indicate a cycle.
 const MOST: usize = 4096;
 
 /// One image of a file.
@@ -26,14 +26,14 @@ impl Directory {
         self.subfile & 1 != 0
     }
 
-    /// Says in the bytes of the file that the image is of numbers from 0 on; whether that can be said.
+    /// Sets the photometric interpretation in the bytes of the file to black-is-zero; returns whether that is possible.
     pub(super) fn black_is_zero(&self, bytes: &mut [u8]) -> bool {
         let place = self.photometric.and_then(|(at, one)| Some((bytes.get_mut(at..at + 2)?, one)));
         place.map(|(place, one)| place.copy_from_slice(&one)).is_some()
     }
 }
 
-/// The directories of a file, in the order of its images; those that are damaged are left out.
+/// The directories of a file, in the order of its images, without damaged ones.
 pub(super) fn directories(bytes: &[u8]) -> Vec<Directory> {
     let mut found = vec![];
     let mut seen = std::collections::HashSet::new();

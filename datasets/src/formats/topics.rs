@@ -1,4 +1,4 @@
-//! The tables of a log that holds several: their list, the choice of one, and its rows under the file's own names.
+//! The tables of a log that holds several: their list, the choice of one, and its rows with the file's names.
 
 use std::path::Path;
 
@@ -10,13 +10,13 @@ use crate::ReadError;
 /// A table of a file: a message of a log, an array or a structure.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Topic {
-    /// Its name for [`FlightOptions::topic`]; empty for a format of one table.
+    /// Its name in [`FlightOptions::topic`]; empty for a format with one table.
     pub name: String,
     /// Its rows.
     pub rows: u64,
     /// Its columns, in the file's order.
     pub columns: Vec<TopicColumn>,
-    /// The reason why a topic of messages has no rows; empty where it has.
+    /// The reason why a topic has no rows; empty if it has rows.
     pub note: String,
 }
 
@@ -31,14 +31,14 @@ pub struct TopicColumn {
     pub description: String,
 }
 
-/// The rows of one table of a file, under the file's own names ([`open_raw`]).
+/// The rows of one table of a file, with the file's names ([`open_raw`]).
 ///
-/// A format that knows what its columns mean (the SGL surveys, MagNav.jl, survey points) has given them the contract's
-/// names and units.
+/// Formats with a known meaning of columns (the SGL surveys, MagNav.jl, survey points) give them canonical names and
+/// units.
 pub type RawReader = FlightReader;
 
-/// The tables of a file. A format of one table gives one [`Topic`] of an empty name, whose rows are counted by reading
-/// them.
+/// The tables of a file. A format with one table gives one [`Topic`] with an empty name, whose rows are counted by
+/// reading them.
 ///
 /// # Errors
 /// Fails for a file that is missing, empty, damaged beyond reading or in no known format.
@@ -68,9 +68,9 @@ pub fn topics_among(formats: &[FlightFormat], path: &Path, options: &FlightOptio
     Ok(vec![Topic { name: String::new(), rows, columns, note: String::new() }])
 }
 
-/// Opens one table of a file for its rows under the file's own names, without the flight and line that
-/// [`open_flight`](super::open_flight) asks for. Each field's metadata `unit` is the unit that the file states, `rename`,
-/// `units`, `flight` and `line` of the options are not applied; marks of missing values are.
+/// Opens one table of a file with the file's names, without the flight and line that
+/// [`open_flight`](super::open_flight) requires. The metadata `unit` of each field is the unit in the file. The options
+/// `rename`, `units`, `flight` and `line` are ignored; markers of missing values apply.
 ///
 /// # Errors
 /// Fails for a file that is missing, empty, damaged beyond reading or in no known format, and for a file of several
@@ -93,25 +93,26 @@ pub fn open_raw_among(
     Ok(reader(format, adopt::without_fillers(path, raw, options)))
 }
 
-/// The position of the table that the options name; the only one where they name none.
+/// The position of the table that the options name; by default the only table.
 ///
-/// `tables` are names and rows; `asked` is the name as the format spells it.
+/// `tables` are names and row counts; `asked` is the name in the format's spelling.
 ///
 /// # Errors
 /// Fails for a name that is not among them, and for several tables where none is named; the error lists them.
 pub(super) fn chosen(path: &Path, asked: Option<&str>, tables: &[(String, u64)]) -> Result<usize, ReadError> {
     let names: Vec<&str> = tables.iter().map(|(name, _)| name.as_str()).collect();
     match (asked, tables) {
-        (_, []) => Err(ReadError::data(path, "holds no table")),
+        (_, []) => Err(ReadError::data(path, "the file holds no table")),
         (None, [_]) => Ok(0),
         (None, _) => {
-            let what = format!("holds {} tables, and `topic` does not say which", tables.len());
-            Err(ReadError::options(path, what).help(format!("its topics, with their rows: {}", listed(tables))))
+            let what = format!("the file holds {} tables; set `topic` to one of them", tables.len());
+            Err(ReadError::options(path, what)
+                .help(format!("the topics, with their numbers of rows: {}", listed(tables))))
         }
         (Some(name), _) => names
             .iter()
             .position(|n| *n == name)
-            .ok_or_else(|| ReadError::options(path, format!("holds no topic `{name}`")).nearest(name, &names)),
+            .ok_or_else(|| ReadError::options(path, format!("the file holds no topic `{name}`")).nearest(name, &names)),
     }
 }
 

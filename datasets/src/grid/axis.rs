@@ -1,4 +1,4 @@
-//! Even axes: as in a file, ascending or descending, and the way to the ascending one of a map.
+//! Even axes: as in a file, ascending or descending, and their conversion to the ascending axis of a map.
 
 use std::path::Path;
 
@@ -6,11 +6,11 @@ use numerics::maps::plane_grid::EvenAxis;
 
 use crate::ReadError;
 
-/// Largest departure of a coordinate from its evenly spaced position, as a fraction of the step. Single-precision
-/// degrees depart by 0.8 % of a step of 0.001° at 140°.
+/// Largest deviation of a coordinate from its evenly spaced position, as a fraction of the step. Single-precision
+/// degrees deviate by 0.8 % of a step of 0.001° at 140°.
 const EVENNESS: f64 = 0.01;
 
-/// The least step that single coordinates resolve, as a fraction of the largest coordinate.
+/// The minimum step that single-precision coordinates resolve, as a fraction of the largest coordinate.
 const RESOLUTION: f64 = 1e-12;
 
 /// An even axis as in a file: `step` is below zero where the coordinates descend.
@@ -25,18 +25,18 @@ impl FileAxis {
     /// An axis from its first coordinate, its step and its length.
     ///
     /// # Errors
-    /// Fails for fewer than two coordinates, and a step that makes no axis.
+    /// Fails for fewer than two coordinates and for an invalid step.
     pub(crate) fn new(path: &Path, name: &str, first: f64, step: f64, len: usize) -> Result<FileAxis, ReadError> {
         let wrong = |what: String| Err(ReadError::data(path, what).in_column(name));
         if len < 2 {
-            return wrong(format!("a map needs two or more values along the axis, not {len}"));
+            return wrong(format!("a map requires at least two nodes along each axis, not {len}"));
         }
         let last = first + step * (len - 1) as f64;
         if !(first.is_finite() && step.is_finite() && last.is_finite()) {
-            return wrong(format!("the axis begins at {first} and steps by {step}, which does not define a grid"));
+            return wrong(format!("the axis begins at {first} with a step of {step}, which does not define a grid"));
         }
         if step.abs() <= RESOLUTION * first.abs().max(last.abs()) {
-            return wrong(format!("the axis steps by {step}, which does not define a grid"));
+            return wrong(format!("the axis has a step of {step}, which does not define a grid"));
         }
         Ok(FileAxis { first, step, len })
     }
@@ -52,7 +52,7 @@ impl FileAxis {
     /// The axis of coordinates.
     ///
     /// # Errors
-    /// Fails for coordinates that are fewer than two, repeat, or do not lie evenly.
+    /// Fails for fewer than two coordinates, duplicates, and uneven spacing.
     pub(crate) fn of(path: &Path, name: &str, coordinates: &[f64]) -> Result<FileAxis, ReadError> {
         let first = coordinates.first().copied().unwrap_or(0.0);
         let last = coordinates.last().copied().unwrap_or(0.0);
@@ -63,9 +63,9 @@ impl FileAxis {
         let axis = FileAxis::between(path, name, first, last, coordinates.len())?;
         for (i, x) in coordinates.iter().enumerate() {
             let even = first + axis.step * i as f64;
-            // NaN is not even either.
+            // NaN is rejected too.
             if x.is_nan() || (x - even).abs() > EVENNESS * axis.step.abs() {
-                let what = format!("the axis is not even: {x} is found where {even} is expected");
+                let what = format!("the axis is not evenly spaced: it has {x} instead of {even}");
                 return Err(ReadError::data(path, what).in_column(name).in_row(i as u64));
             }
         }

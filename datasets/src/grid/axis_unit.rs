@@ -1,4 +1,4 @@
-//! The unit of coordinates as a file gives it, and its way into the unit of the coordinate system.
+//! The unit of coordinates in a file, and its conversion to the unit of the coordinate system.
 
 use std::path::Path;
 
@@ -10,16 +10,16 @@ use grids::Crs;
 /// The unit of coordinates.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum AxisUnit {
-    /// An angle: degrees to a unit.
+    /// An angle: degrees per unit.
     Angle(f64),
-    /// A length: its name in the file, and metres to a unit.
+    /// A length: its name in the file, and metres per unit.
     Length(String, f64),
 }
 
-/// Where the coordinate system comes from.
+/// Source of the coordinate system.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Origin {
-    /// The options: they take precedence over the file.
+    /// The options, which override the file.
     Given,
     /// The same file as the unit.
     File,
@@ -27,7 +27,7 @@ pub(crate) enum Origin {
 
 const US_FOOT: f64 = 1200.0 / 3937.0;
 
-/// Spellings of lengths beyond those of `schemas`, with blanks for `_` and `-`, and metres to a unit.
+/// Spellings of lengths beyond those of `schemas`, with blanks for `_` and `-`, and metres per unit.
 const LENGTHS: [(&[&str], f64); 9] = [
     (&["kilometre", "kilometer", "kilometres", "kilometers", "kms"], 1000.0),
     (
@@ -62,22 +62,22 @@ const LENGTHS: [(&[&str], f64); 9] = [
 const NOTHING: [&str; 12] =
     ["", "1", "none", "unknown", "user x unit", "user y unit", "x", "y", "x units", "y units", "natural", "raw"];
 
-/// Two lengths of a foot differ by less than this part; so do feet of the survey and international feet.
+/// Relative difference below which two lengths are both feet, survey or international.
 const SAME: f64 = 1e-5;
 
 impl AxisUnit {
     /// The unit of a text; `Ok(None)` for a text that names none.
     ///
     /// # Errors
-    /// Fails for a unit that is not known.
+    /// Fails for an unknown unit.
     pub(crate) fn read(path: &Path, column: &str, text: &str) -> Result<Option<AxisUnit>, ReadError> {
         if NOTHING.contains(&plain(text).as_str()) {
             return Ok(None);
         }
         AxisUnit::of(text).map(Some).ok_or_else(|| {
-            ReadError::data(path, format!("the unit `{}` of the coordinates is not known", text.trim()))
+            ReadError::data(path, format!("the unit `{}` of the coordinates is unknown", text.trim()))
                 .in_column(column)
-                .help("bring the coordinates to m, km, ft, US survey feet or degrees, and name that unit")
+                .help("convert the coordinates to m, km, ft, US survey feet or degrees, and name that unit in the file")
         })
     }
 
@@ -97,7 +97,7 @@ impl AxisUnit {
         match (x, y) {
             (Some(x), Some(y)) if size(&x) != size(&y) => {
                 let what = format!("the coordinates are in two units, {} and {}", x.name(), y.name());
-                Err(ReadError::data(path, what).help("bring both to one unit"))
+                Err(ReadError::data(path, what).help("convert both to one unit"))
             }
             (x, y) => Ok(x.or(y)),
         }
@@ -138,11 +138,11 @@ impl AxisUnit {
         known.or_else(|| convert(&name, "deg").map(AxisUnit::Angle))
     }
 
-    /// The factor that brings coordinates into the unit of a system.
+    /// The factor that converts coordinates to the unit of a system.
     ///
     /// # Errors
     /// Fails for lengths in a system of degrees, degrees in a projected system, and feet in a system of metres (or the
-    /// reverse) where the file itself gives both.
+    /// reverse) if the file itself gives both.
     pub(crate) fn to_system(
         &self,
         path: &Path,
@@ -157,26 +157,28 @@ impl AxisUnit {
         match self {
             AxisUnit::Angle(deg) if crs.is_geographic() => Ok(*deg),
             AxisUnit::Angle(_) => {
-                contradiction("degrees", "give the coordinate system of degrees as `epsg`, such as 4326".to_owned())
+                contradiction("degrees", "set `epsg` to a coordinate system in degrees, such as 4326".to_owned())
             }
             AxisUnit::Length(name, _) if crs.is_geographic() => {
-                contradiction(name, "give the coordinate system of the eastings and northings as `epsg`".to_owned())
+                contradiction(name, "set `epsg` to the coordinate system of the eastings and northings".to_owned())
             }
             AxisUnit::Length(name, metres) => {
                 let factor = metres / crs.unit_m();
                 if (factor - 1.0).abs() < SAME {
                     return Ok(1.0);
                 }
-                // A decimal multiple of the metre is used with any system of metres; a foot is one of the two mistaken.
+                // A decimal multiple of the metre fits any system in metres; a foot contradicts it.
                 let decimal = metres.log10().fract().abs() < 1e-12 && crs.unit_m() == 1.0;
                 if origin == Origin::File && !decimal {
-                    let help =
-                        format!("`epsg` = {} confirms the system, and the coordinates are converted", crs.code());
+                    let help = format!(
+                        "set `epsg` = {} to confirm the system; the coordinates are then converted",
+                        crs.code()
+                    );
                     return contradiction(name, help);
                 }
                 let unit = unit_of(crs);
                 let name = if name.starts_with(|c: char| c.is_ascii_digit()) { "that unit" } else { name.as_str() };
-                notes.push(format!("coordinates in {name} times {factor} are {unit}"));
+                notes.push(format!("coordinates in {name} are multiplied by {factor} to give {unit}"));
                 Ok(factor)
             }
         }
@@ -207,8 +209,8 @@ fn bracketed(text: &str) -> Option<(&str, &str)> {
     })
 }
 
-/// A name without the unit at its end, and that unit: `X (ft)`, `easting_km`, `Northing [m]`; the unit is empty where the
-/// name ends in none. A word in brackets that is no unit is left in the name.
+/// A name without the unit at its end, and that unit: `X (ft)`, `easting_km`, `Northing [m]`; the unit is empty where
+/// the name ends in none. A word in brackets that is no unit is left in the name.
 pub(crate) fn split_unit(name: &str) -> (&str, &str) {
     let name = name.trim();
     let end = || {
@@ -257,7 +259,7 @@ mod tests {
         assert!(AxisUnit::of("furlong").is_none() && AxisUnit::of("nT").is_none());
         assert!(AxisUnit::read(Path::new("a"), "x", "user_x_unit").unwrap().is_none());
         let fault = AxisUnit::read(Path::new("a"), "x", "furlong").unwrap_err().to_string();
-        assert!(fault.contains("column `x`: the unit `furlong` of the coordinates is not known"), "{fault}");
+        assert!(fault.contains("column `x`: the unit `furlong` of the coordinates is unknown"), "{fault}");
     }
 
     #[test]

@@ -30,7 +30,7 @@ pub(crate) struct Draft<'a> {
     pub(crate) raster_rows: bool,
     /// Heights in the same order, where the file has them.
     pub(crate) heights: Option<Vec<f64>>,
-    /// One sigma of the error of each value in the same order and unit, where the file has it.
+    /// Standard deviation of the error of each value in the same order and unit, if the file has it.
     pub(crate) errors: Option<Vec<f64>>,
     /// The one height of all nodes, where the file gives it.
     pub(crate) level_m: Option<f64>,
@@ -57,7 +57,7 @@ pub(crate) enum System {
 }
 
 /// The note on a map whose height is unknown: only a continuation needs it.
-pub(crate) const NO_HEIGHT: &str = "the file does not give the height of the map, so `alt` is NaN; set it with `alt_m`";
+pub(crate) const NO_HEIGHT: &str = "the file does not give the height of the map, so `alt` is NaN; set `alt_m`";
 
 /// Scale and offset of values that are stored as they are.
 pub(crate) const PLAIN: [f64; 2] = [1.0, 0.0];
@@ -66,7 +66,7 @@ pub(crate) const PLAIN: [f64; 2] = [1.0, 0.0];
 const HEIGHTS_M: [f64; 2] = [-12_000.0, 2_000_000.0];
 
 /// The note on a map whose file gives no unit.
-const NO_UNIT: &str = "the file gives no unit; the values are taken as nT";
+const NO_UNIT: &str = "the file gives no unit; nT is assumed";
 
 impl<'a> Draft<'a> {
     /// A draft of axes and values alone.
@@ -92,7 +92,7 @@ impl<'a> Draft<'a> {
     /// The map: rows from the south, columns from the west, nT, longitudes around Greenwich.
     ///
     /// # Errors
-    /// Fails for a unit that is no field's, a coordinate system that is unknown, and as [`AnomalyGrid::new`].
+    /// Fails for a unit of another quantity than the field, an unknown coordinate system, and as [`AnomalyGrid::new`].
     pub(crate) fn finish(mut self, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
         let nodes = self.x.len().saturating_mul(self.y.len());
         check_count(self.path, self.values.len(), nodes)?;
@@ -105,7 +105,7 @@ impl<'a> Draft<'a> {
         let height = self.height(options, &missing)?;
         if self.errors.iter().flatten().any(|error| *error < 0.0 || error.is_infinite()) {
             self.errors = None;
-            self.notes.push("the column `error` is not used: it has values that are no standard deviations".to_owned());
+            self.notes.push("the column `error` is ignored: it has negative or infinite values".to_owned());
         }
         let mut map = AnomalyGrid {
             x: self.x.ascending(),
@@ -134,17 +134,17 @@ impl<'a> Draft<'a> {
         }
         let [scale, offset] = self.packing;
         if !(scale.is_finite() && scale != 0.0 && offset.is_finite()) {
-            let what = format!("the scale {scale} and the offset {offset} of the values define no value");
+            let what = format!("the scale {scale} and the offset {offset} of the values are invalid");
             return Err(ReadError::data(self.path, what).help("correct them in the file"));
         }
         if self.packing != PLAIN {
             self.values.iter_mut().for_each(|v| *v = *v * scale + offset);
-            self.notes.push(format!("stored values times {scale} plus {offset} are the values"));
+            self.notes.push(format!("stored values are multiplied by {scale}, then {offset} is added"));
         }
         Ok(())
     }
 
-    /// Brings rows and columns into ascending order.
+    /// Sorts rows and columns in ascending order.
     fn flip(&mut self) {
         let (width, x_down, y_down) = (self.x.len(), self.x.descends(), self.y.descends());
         let columns = [Some(&mut self.values), self.heights.as_mut(), self.errors.as_mut()];
@@ -157,11 +157,11 @@ impl<'a> Draft<'a> {
             }
         }
         if x_down {
-            self.notes.push("the file's columns run from east to west; reversed".to_owned());
+            self.notes.push("the file's columns run from east to west and are reversed".to_owned());
         }
     }
 
-    /// Brings the values into nT, derivatives aside; the unit that they have then.
+    /// Converts the values to nT, except derivatives; returns the resulting unit.
     fn scale(&mut self, options: &MapOptions) -> Result<&'static str, ReadError> {
         let said = self.unit.take().filter(|u| !u.trim().is_empty());
         if said.is_none() && options.unit.is_none() {
@@ -182,7 +182,7 @@ impl<'a> Draft<'a> {
             // Accepted values may be too large for the factor.
             let finite = |v: f64| if v.is_finite() { v } else { f64::NAN };
             self.values.iter_mut().chain(self.errors.iter_mut().flatten()).for_each(|v| *v = finite(*v * factor));
-            self.notes.push(format!("values in {unit} times {factor} are nT"));
+            self.notes.push(format!("values in {unit} are multiplied by {factor} to give nT"));
         }
         Ok(NANOTESLA)
     }
@@ -228,9 +228,9 @@ impl<'a> Draft<'a> {
         let (x, y) = (self.x.ascending(), self.y.ascending());
         let degrees = x.first >= -180.0 && x.last() <= 360.0 && y.first >= -90.0 && y.last() <= 90.0;
         let help = if degrees {
-            "they may be degrees: then give `epsg` = 4326, otherwise the code of the coordinate system"
+            "set `epsg` = 4326 if the coordinates are degrees, otherwise `epsg` of the coordinate system"
         } else {
-            "give `epsg`, the code of the coordinate system, such as 32754 for UTM zone 54 south"
+            "set `epsg` to the code of the coordinate system, such as 32754 for UTM zone 54 south"
         };
         ReadError::options(self.path, "the file does not give its coordinate system").help(help)
     }
@@ -242,7 +242,12 @@ impl<'a> Draft<'a> {
         let possible = |alt: f64| alt.is_nan() || (HEIGHTS_M[0]..=HEIGHTS_M[1]).contains(&alt);
         let possible = |alt: f64| accepted(&options.accept) || possible(alt);
         let impossible = |alt: f64| {
-            format!("{} m is not a height of a map ({} to {} m)", plausible::number(alt), HEIGHTS_M[0], HEIGHTS_M[1])
+            format!(
+                "{} m is outside the possible heights of a map, {} to {} m",
+                plausible::number(alt),
+                HEIGHTS_M[0],
+                HEIGHTS_M[1]
+            )
         };
         let Some(mut cells) = self.heights.take() else {
             let level_m = self.level_m.unwrap_or(f64::NAN);
@@ -257,7 +262,7 @@ impl<'a> Draft<'a> {
         without_markers(&mut cells, missing, !accepted(&options.accept), &mut self.notes);
         if let Some(cell) = cells.iter().position(|alt| !possible(*alt)) {
             let alt = cells.get(cell).copied().unwrap_or(f64::NAN);
-            let help = "if it marks a missing value, name it in `missing`; `accept = [\"range\"]` takes it as it is";
+            let help = "if it marks a missing value, add it to `missing`; set `accept = [\"range\"]` to keep it";
             return Err(self.in_cell("alt", cell, &impossible(alt)).help(help));
         }
         let first = cells.iter().copied().find(|a| !a.is_nan());
@@ -273,16 +278,16 @@ impl<'a> Draft<'a> {
 }
 
 pub(crate) fn no_epsg(path: &Path) -> ReadError {
-    ReadError::options(path, "the file does not give the system of its eastings and northings")
-        .help("give `epsg`, the code of the coordinate system, such as 32754 for UTM zone 54 south")
+    ReadError::options(path, "the file does not give the coordinate system of its eastings and northings")
+        .help("set `epsg` to the code of the coordinate system, such as 32754 for UTM zone 54 south")
 }
 
-/// Brings the longitudes to -180 to 180 degrees.
+/// Wraps the longitudes to -180 to 180 degrees.
 fn turn(map: &mut AnomalyGrid) {
     let turned = if map.is_geographic() { longitude::turned(&map.x) } else { None };
     let Some((axis, columns)) = turned else { return };
     map.notes.push(format!(
-        "longitudes {} to {} of the file turned to {} to {}",
+        "longitudes {} to {} of the file are shifted to {} to {}",
         map.x.first,
         map.x.last(),
         axis.first,

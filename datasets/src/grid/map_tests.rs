@@ -97,7 +97,7 @@ fn law_maps_across_the_date_line_stay_whole() {
 fn gold_a_map_around_a_pole() {
     let polar = made(3031, axis(-500_000.0, 50_000.0, 21), axis(-500_000.0, 50_000.0, 21));
     let said = polar.to_crs(4326, None).unwrap_err().to_string();
-    let help = "trim it, or keep it in its own coordinate system";
+    let help = "trim the map, or keep it in its coordinate system";
     assert_eq!(
         said,
         format!("the map contains a pole, which a grid of latitude and longitude cannot represent ({help})")
@@ -115,18 +115,21 @@ fn gold_what_makes_no_map() {
     let (x, y, level) = (axis(0.0, 1.0, 2), axis(0.0, 1.0, 2), Height::Level(0.0));
     let four = vec![1.0; 4];
     let said = new(axis(0.0, 1.0, 1), y, 4326, four.clone(), level.clone());
-    assert_eq!(said, "column `lon`: a map needs two or more values along the axis, not 1");
+    assert_eq!(said, "column `lon`: a map requires at least two nodes along each axis, not 1");
     let said = new(x, axis(0.0, -1.0, 2), 32630, four.clone(), level.clone());
-    assert_eq!(said, "column `northing`: the axis does not ascend from 0 to -1");
+    assert_eq!(said, "column `northing`: the axis must ascend, but runs from 0 to -1");
     let said = new(x, axis(89.5, 1.0, 2), 4326, four.clone(), level.clone());
-    assert!(said.starts_with("column `lat`: 90.5 degrees is not on the earth"), "{said}");
+    assert!(said.starts_with("column `lat`: the coordinate 90.5 degrees is out of range"), "{said}");
     let said = new(x, y, 4326, vec![1.0; 3], level.clone());
-    assert_eq!(said, "column `anomaly`: the grid has 4 cells and 3 values");
-    assert_eq!(new(x, y, 4326, vec![f64::NAN; 4], level), "column `anomaly`: no cell has a value");
+    assert_eq!(said, "column `anomaly`: the grid has 4 nodes but 3 values");
+    assert_eq!(new(x, y, 4326, vec![f64::NAN; 4], level), "column `anomaly`: the map has no known value");
     let said = new(x, y, 4326, four, Height::Cells(vec![0.0; 3]));
     assert_eq!(said, "column `alt`: the map has a height that is not a number");
     let map = made(32630, axis(300_000.0, 1000.0, 5), axis(5_500_000.0, 1000.0, 5));
-    assert_eq!(map.to_crs(32630, Some(-1.0)).unwrap_err().to_string(), "-1 is not a valid spacing");
+    assert_eq!(
+        map.to_crs(32630, Some(-1.0)).unwrap_err().to_string(),
+        "the spacing must be positive and finite, not -1"
+    );
     assert!(map.to_crs(27700, Some(1e-3)).unwrap_err().to_string().contains("nodes is too large"));
     assert!(map.to_crs(27700, Some(1e6)).unwrap_err().to_string().contains("wider than the map"));
 }

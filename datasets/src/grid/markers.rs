@@ -1,15 +1,15 @@
-//! Values that mark an unknown cell: those that a file or the options name, and those that no field can be.
+//! Markers of unknown nodes: those that a file or the options name, and values that no field can have.
 
 use super::plausible::number;
 
-/// Markers that programs write and no header names, in either sign: the largest single-precision number, Surfer's
-/// blank, the default of NetCDF, Geosoft's dummy, the largest double-precision number.
+/// Markers that programs write without naming them in a header, of either sign: the largest single-precision number,
+/// Surfer's blank, the default of NetCDF, Geosoft's dummy, the largest double-precision number.
 const DUMMIES: [f64; 5] = [f32::MAX as f64, 1.701_41e38, 9.969_209_968_386_869e36, 1e32, f64::MAX];
 
 /// Relative difference of a marker beyond any field and its text of six digits.
 const SIX_DIGITS: f64 = 1e-5;
 
-/// The size from which a number is no field in any unit.
+/// The magnitude from which a number cannot be a field in any unit.
 const BEYOND: f64 = 1e30;
 
 /// Whether a value is the marker: exactly, in single precision, or, for a marker beyond any field, to six digits.
@@ -50,7 +50,7 @@ pub(crate) fn without_markers(values: &mut [f64], given: &[f64], usual: bool, no
         *value = f64::NAN;
     }
     if infinite > 0 {
-        notes.push(format!("{infinite} infinite values are taken as unknown"));
+        notes.push(format!("{infinite} infinite values are treated as unknown"));
     }
     notes.extend(dummies.iter().map(|(value, count)| taken(*value, *count)));
     while usual && without_usual(values, notes) {}
@@ -72,7 +72,7 @@ fn without_usual(values: &mut [f64], notes: &mut Vec<String>) -> bool {
 }
 
 fn taken(value: f64, count: usize) -> String {
-    format!("{count} values of {} are taken as unknown", number(value))
+    format!("{count} values of {} are treated as unknown", number(value))
 }
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! How the numbers of a file become a map on a grid.
+//! Conversion of the numbers of a file to a map on a grid.
 
 mod axis;
 mod axis_unit;

@@ -9,14 +9,14 @@ use grids::node_on;
 use super::axis::FileAxis;
 use crate::ReadError;
 
-/// A list with fewer than one node in this number of nodes has no grid.
+/// A grid with a larger ratio of possible nodes to listed nodes is rejected.
 const SPARSEST: usize = 64;
 
-/// A scattered grid, one row a node in any order, as ascending axes and values by rows (`y`, then `x`). Each
-/// coordinate comes with the name that the file has for it. Nodes left out are NaN.
+/// A grid listed as one row per node in any order, as ascending axes and values by rows (`y`, then `x`). Each
+/// coordinate has its name in the file. Missing nodes are NaN.
 ///
 /// # Errors
-/// Fails for coordinates that make no regular grid, or a duplicate node.
+/// Fails for coordinates that do not form a regular grid, and for a duplicate node.
 pub(crate) fn from_nodes(
     path: &Path,
     (x_name, x): (&str, &[f64]),
@@ -52,7 +52,7 @@ fn axis_of(path: &Path, name: &str, coordinates: &[f64]) -> Result<FileAxis, Rea
     if let Some(row) = coordinates.iter().position(|c| !c.is_finite()) {
         return Err(ReadError::data(path, "the node has no position").in_column(name).in_row(row as u64));
     }
-    // Few of many: the coordinates of a column are one in as many as there are rows.
+    // Most coordinates are duplicates: each coordinate of a column occurs once per row.
     let mut seen = HashSet::new();
     let mut before = None;
     let mut unique = vec![];

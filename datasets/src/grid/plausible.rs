@@ -1,5 +1,5 @@
-//! The check of a map's and a survey's values: what is no anomaly and no total field of the earth is an error, unless
-//! the options accept it.
+//! The check of the values of maps and surveys. A value that can be neither an anomaly nor a total field of the earth
+//! is an error, unless the options accept it.
 
 use schemas::plausible::{Accept, Kind, Limits, shown, survey};
 
@@ -8,7 +8,7 @@ use crate::ReadError;
 
 /// The note on values that are the whole field.
 const TOTAL_FIELD: &str =
-    "the values are a total field, not an anomaly; subtract the core field where an anomaly is needed";
+    "the values are a total field, not an anomaly; subtract the core field if an anomaly is required";
 
 /// Whether impossible values are accepted.
 pub(crate) fn accepted(accept: &[Accept]) -> bool {
@@ -31,10 +31,10 @@ pub(crate) struct Unit<'a> {
     pub(crate) canonical: &'static str,
 }
 
-/// Rejects values that cannot be. `wrong` is an error at a value's index.
+/// Rejects impossible values. `wrong` makes an error at a value's index.
 ///
 /// # Errors
-/// Fails for values outside the limits of an anomaly (of a total field, where most values are one), and for a largest value
+/// Fails for values outside the limits of an anomaly (of a total field if most values are one), and for a largest value
 /// of nines, such as 9999, that is far above the next.
 pub(crate) fn check(
     values: &[f64],
@@ -62,7 +62,7 @@ pub(crate) fn check(
     let Limits { low, high, .. } = limits;
     let mut what = format!("{found} is not {noun} ({} to {} {})", shown(low), shown(high), unit.canonical);
     if count > 0 {
-        what += &format!(", nor are {count} more of {known} values");
+        what += &format!(", and {count} more of {known} values are outside too");
     }
     Err(wrong(first, what).help(remedy(*value)))
 }
@@ -84,8 +84,8 @@ fn nines(values: &[f64], unit: &Unit, wrong: impl Fn(usize, String) -> ReadError
 fn remedy(value: f64) -> String {
     let text = number(value);
     format!(
-        "if {text} marks a missing value, set `missing = [{text}]` in the table of the spec or give `--missing={text}`; \
-         `accept = [\"range\"]` or `--accept range` takes the values as they are"
+        "if {text} marks a missing value, set `missing = [{text}]` in the table of the spec or use `--missing={text}`; \
+         set `accept = [\"range\"]` or use `--accept range` to keep the values"
     )
 }
 

@@ -5,56 +5,56 @@ use std::sync::Arc;
 use super::{AnyStage, Grain, InputDecl, Stage, TableKind};
 use crate::{Args, Fault, Lists, ParamDoc, Reader, collect_doc, metric::Metric};
 
-/// How a stage is made from its parameters: all that is wrong with them, where they are.
+/// Constructor of a stage from its parameters; fails with all their faults and positions.
 pub type Build = Arc<dyn Fn(&Args) -> Result<AnyStage, Vec<Fault>> + Send + Sync>;
 
-/// One row of the catalogue: all that the planner, `explain`, lineage, keys and docs read of a stage.
+/// One row of the catalogue, which the planner, `explain`, lineage, keys and docs use.
 #[derive(Clone)]
 pub struct Entry {
     /// The word after `stage =`.
     pub name: &'static str,
-    /// Raised whenever the answer changes.
+    /// Version, raised when the results change.
     pub version: u32,
-    /// How much it must see at once.
+    /// The part of a survey that it processes at once.
     pub grain: Grain,
     /// The kind of table that it yields.
     pub yields: TableKind,
     /// Its inputs.
     pub inputs: &'static [InputDecl],
-    /// What it does, when you want it, what it refuses, source.
+    /// Purpose, use, rejected input, source.
     pub doc: String,
-    /// A fragment of a spec that uses it, the table named like the stage. The examples of the catalogue, in its order,
-    /// make one spec over a table of flights `flights`, a map `anomaly` and a record `observatory`; the reference prints them, and the test of
-    /// the versions runs them.
+    /// A fragment of a spec that uses it, with the stage's name as the table's name. In the order of the catalogue, the
+    /// examples make one spec over flights `flights`, a map `anomaly` and a record `observatory`. The reference prints
+    /// them, and the test of the versions runs them.
     pub example: &'static str,
-    /// What can be chosen by one of its keys, such as the models of a fit.
+    /// The choices of one of its keys, such as the models of a fit.
     pub kinds: Vec<KindDoc>,
-    /// What a line is scored by, for a stage that makes a table of scores; empty for others.
+    /// The metrics of a stage that makes a table of scores; empty for others.
     pub metrics: Vec<Metric>,
     /// Its parameters.
     pub params: Vec<ParamDoc>,
-    /// Makes the stage from its parameters, or says all that is wrong with them.
+    /// Makes the stage from its parameters, or fails with all their faults.
     pub build: Build,
 }
 
-/// One of several things that a key of a stage chooses by name, as the reference shows it.
+/// One of the choices of a key of a stage, as the reference shows it.
 #[derive(Clone, Debug)]
 pub struct KindDoc {
     /// The key that chooses it.
     pub key: &'static str,
     /// Its name.
     pub name: &'static str,
-    /// What it does, when you want it, source.
+    /// Purpose, use, source.
     pub doc: String,
-    /// Facts beside its keys, one a line, such as the default of a setting.
+    /// Additional facts, one per line, such as the default of a setting.
     pub facts: Vec<String>,
     /// Its own keys.
     pub params: Vec<ParamDoc>,
-    /// Keys, one a line, that the example of the stage takes for this one; may be empty.
+    /// Keys that the example of the stage sets for this choice, one per line; may be empty.
     pub example: &'static str,
 }
 
-/// What a [`stage!`](crate::stage!) declaration says beside the parameters.
+/// A [`stage!`](crate::stage!) declaration without the parameters.
 #[doc(hidden)]
 pub struct Head {
     pub name: &'static str,
@@ -67,7 +67,7 @@ pub struct Head {
 }
 
 impl Entry {
-    /// The row of a stage `S` whose choices among kinds are made from `lists`.
+    /// The row of a stage `S` with kinds from `lists`.
     #[doc(hidden)]
     pub fn of<S: Stage>(head: Head, lists: Lists, erase: fn(Arc<S>) -> AnyStage) -> Entry {
         let Head { name, version, grain, yields, inputs, doc, example } = head;
@@ -90,10 +90,11 @@ impl Entry {
 }
 
 /// Declares a stage once: name, version, grain, inputs, an example, parameters with unit, default, rule and
-/// documentation. The grain is also the trait that the stage is to have: [`LineStage`](crate::LineStage),
-/// [`SurveyStage`](crate::SurveyStage) or [`MapStage`](crate::MapStage). A parameter of a type `Option` says what happens where it is left out (`absent`). A stage that yields
-/// another kind of table than is usual for its grain says so after the grain: `grain Survey, yields Map`. An input that
-/// may be left out stands behind those that may not: `inputs [map: Map, with: ManyMaps optional]`.
+/// documentation. The grain selects the trait that the stage implements: [`LineStage`](crate::LineStage),
+/// [`SurveyStage`](crate::SurveyStage) or [`MapStage`](crate::MapStage). A parameter of type `Option` documents its
+/// behaviour when unset (`absent`). A stage that yields a kind of table other than the default of its grain declares
+/// it: `grain Survey, yields Map`. An optional input follows the required ones: `inputs [map: Map, with: ManyMaps
+/// optional]`.
 ///
 /// ```
 /// use schemas::{stage, Fault, LineIn, LineStage, Rule, Stage, Table, Yield};
@@ -157,7 +158,7 @@ macro_rules! stage {
                 Self::entry_with($crate::Lists::default())
             }
 
-            /// The row of the catalogue, with what its keys choose from.
+            /// The row of the catalogue, with the choices of its keys.
             pub fn entry_with(lists: $crate::Lists) -> $crate::Entry {
                 let head = $crate::Head {
                     name: $name,
@@ -181,7 +182,7 @@ macro_rules! stage {
     };
 }
 
-/// Whether an input is followed by a word; the only one there is says that it may be left out.
+/// Whether an input is followed by the word `optional`, the only one permitted.
 #[doc(hidden)]
 pub const fn is_optional(words: &[&str]) -> bool {
     !words.is_empty()

@@ -1,4 +1,4 @@
-//! Stages whose types are forgotten: the one place where they are, and where they are found again.
+//! Type-erased stages: the only module that erases and restores their types.
 
 use std::{any::Any, ops::Deref, sync::Arc};
 
@@ -9,16 +9,16 @@ use super::{
 };
 use crate::Fault;
 
-/// What a run makes of a stage's columns for one line, or why there are none.
+/// The columns of a stage for one line, or the fault.
 pub type Arrays = Result<Vec<ArrayRef>, Fault>;
 
-/// What [`LineStage::prepare`] made, its type forgotten.
+/// The type-erased result of [`LineStage::prepare`].
 pub type Prepared = Arc<dyn Any + Send + Sync>;
 
-/// What [`Gather::map`] made of a line, its type forgotten.
+/// The type-erased result of [`Gather::map`] for a line.
 pub type Part = Box<dyn Any + Send>;
 
-/// A stage with its parameters, by what it works on. It is also a [`StageDyn`].
+/// A stage with its parameters, by grain. It is also a [`StageDyn`].
 #[derive(Clone)]
 pub enum AnyStage {
     /// It works on one line at a time.
@@ -45,7 +45,7 @@ impl AnyStage {
     /// The stage, if it works on lines.
     ///
     /// # Errors
-    /// It works on something else than its grain says.
+    /// Fails for a stage of another grain.
     pub fn of_lines(&self) -> Result<&dyn LineStageDyn, Fault> {
         match self {
             AnyStage::Line(stage) => Ok(stage.as_ref()),
@@ -56,7 +56,7 @@ impl AnyStage {
     /// The stage, if it works on surveys.
     ///
     /// # Errors
-    /// It works on something else than its grain says.
+    /// Fails for a stage of another grain.
     pub fn of_surveys(&self) -> Result<&dyn SurveyStageDyn, Fault> {
         match self {
             AnyStage::Survey(stage) => Ok(stage.as_ref()),
@@ -67,7 +67,7 @@ impl AnyStage {
     /// The stage, if it works on maps.
     ///
     /// # Errors
-    /// It works on something else than its grain says.
+    /// Fails for a stage of another grain.
     pub fn of_maps(&self) -> Result<&dyn MapStageDyn, Fault> {
         match self {
             AnyStage::Map(stage) => Ok(stage.as_ref()),
@@ -81,12 +81,12 @@ fn other(work: &str) -> Fault {
 }
 
 fn another_type() -> Fault {
-    Fault::bug("what another stage made was handed over")
+    Fault::bug("the data belong to another stage")
 }
 
-/// A [`Stage`] whose type is forgotten.
+/// A type-erased [`Stage`].
 pub trait StageDyn: Send + Sync {
-    /// Every parameter in its one spelling, without those that are [idle](Stage::idle).
+    /// Every parameter in its canonical spelling, without those that are [idle](Stage::idle).
     fn canonical(&self) -> Vec<(&'static str, String)>;
     /// See [`Stage::idle`].
     fn idle(&self, key: &str) -> Option<Fault>;
@@ -101,7 +101,7 @@ pub trait StageDyn: Send + Sync {
     /// See [`Stage::yields`].
     ///
     /// # Errors
-    /// As there.
+    /// Fails in the same cases.
     fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>>;
     /// For the way back to the type.
     fn as_any(&self) -> &dyn Any;
@@ -144,14 +144,14 @@ impl<S: Stage> StageDyn for S {
     }
 }
 
-/// A point of a sweep on one line, whose stage has no type any more.
+/// A point of a sweep on one line, with a type-erased stage.
 #[derive(Clone, Copy)]
 pub struct AnyLinePoint<'a> {
     /// The stage with the parameters of the point.
     pub stage: &'a dyn LineStageDyn,
     /// The line.
     pub line: &'a LineIn,
-    /// What the stage prepared.
+    /// The prepared data of the stage.
     pub prepared: &'a Prepared,
 }
 
@@ -163,21 +163,21 @@ impl<'a> AnyLinePoint<'a> {
     }
 }
 
-/// A [`LineStage`] whose type is forgotten.
+/// A type-erased [`LineStage`].
 pub trait LineStageDyn: StageDyn {
     /// See [`LineStage::prepare`].
     ///
     /// # Errors
-    /// As there.
+    /// Fails in the same cases.
     fn prepare(&self, inputs: &[RecordBatch]) -> Result<Prepared, Fault>;
     /// See [`LineStage::prepare_key`].
     fn prepare_key(&self) -> String;
     /// See [`LineStage::run`].
     ///
     /// # Errors
-    /// As there, and when `prepared` is another stage's.
+    /// Fails in the same cases, and for `prepared` data of another stage.
     fn run(&self, line: &LineIn, prepared: &Prepared) -> Arrays;
-    /// See [`LineStage::run_points`]; `self` stands for the type only. A point of another stage has a fault.
+    /// See [`LineStage::run_points`]; `self` determines only the type. A point of another stage has a fault.
     fn run_points(&self, points: &[AnyLinePoint]) -> Vec<Arrays>;
 }
 
@@ -199,12 +199,13 @@ impl<S: LineStage> LineStageDyn for S {
         let typed: Vec<Result<LinePoint<S>, Fault>> = points.iter().map(AnyLinePoint::typed).collect();
         let ours: Vec<LinePoint<S>> = typed.iter().flatten().copied().collect();
         let mut answers = S::run_points(&ours).into_iter();
-        let mut answer = || answers.next().unwrap_or_else(|| Err(Fault::bug("the stage answered fewer points")));
+        let mut answer =
+            || answers.next().unwrap_or_else(|| Err(Fault::bug("the stage returned fewer results than points")));
         typed.into_iter().map(|point| point.and_then(|_| answer())).collect()
     }
 }
 
-/// A point of a sweep over the lines of a survey, whose stage has no type any more.
+/// A point of a sweep over the lines of a survey, with a type-erased stage.
 #[derive(Clone, Copy)]
 pub struct AnySurveyPoint<'a> {
     /// The stage with the parameters of the point.
@@ -213,12 +214,12 @@ pub struct AnySurveyPoint<'a> {
     pub inputs: &'a [RecordBatch],
 }
 
-/// A [`SurveyStage`] whose type is forgotten.
+/// A type-erased [`SurveyStage`].
 pub trait SurveyStageDyn: StageDyn {
-    /// See [`SurveyStage::gather`]; `self` stands for the type only.
+    /// See [`SurveyStage::gather`]; `self` determines only the type.
     ///
     /// # Errors
-    /// When a point is of another stage.
+    /// Fails for a point of another stage.
     fn gather(&self, points: &[AnySurveyPoint]) -> Result<Box<dyn GatherDyn>, Fault>;
 }
 
@@ -232,19 +233,19 @@ impl<S: SurveyStage> SurveyStageDyn for S {
     }
 }
 
-/// A [`Gather`] whose type is forgotten.
+/// A type-erased [`Gather`].
 pub trait GatherDyn: Send + Sync {
     /// See [`Gather::map`].
     ///
     /// # Errors
-    /// As there.
+    /// Fails in the same cases.
     fn map(&self, line: &LineIn) -> Result<Part, Fault>;
     /// See [`Gather::refused`].
     fn refused(&self, part: &Part) -> Vec<(usize, Fault)>;
     /// See [`Gather::finish`].
     ///
     /// # Errors
-    /// When a part is another stage's.
+    /// Fails for a part of another stage.
     fn finish(&self, parts: Vec<Part>, work: &dyn Work) -> Result<Vec<Result<Product, Fault>>, Fault>;
 }
 
@@ -263,12 +264,12 @@ impl<G: Gather> GatherDyn for G {
     }
 }
 
-/// A [`MapStage`] whose type is forgotten.
+/// A type-erased [`MapStage`].
 pub trait MapStageDyn: StageDyn {
     /// See [`MapStage::run`].
     ///
     /// # Errors
-    /// As there.
+    /// Fails in the same cases.
     fn run(&self, maps: &[RecordBatch]) -> Result<Product, Fault>;
 }
 

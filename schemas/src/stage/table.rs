@@ -1,8 +1,8 @@
-//! Tables as a plan sees them: what a stage reads, and what it yields.
+//! Tables in a plan: the inputs and the yield of a stage.
 
 use crate::{Column, Shape};
 
-/// How much of a survey a stage must see at once.
+/// The part of a survey that a stage processes at once.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Grain {
     /// One whole flight line, in time order.
@@ -14,7 +14,7 @@ pub enum Grain {
 }
 
 impl Grain {
-    /// What a stage of this grain yields that does not say so.
+    /// The default kind of table that a stage of this grain yields.
     pub const fn usually_yields(self) -> TableKind {
         match self {
             Grain::Line => TableKind::Lines,
@@ -38,7 +38,8 @@ pub enum TableKind {
 }
 
 impl TableKind {
-    /// Whether a table of this kind is small, with a few rows for each point of a sweep: all points are then in one file.
+    /// Whether a table of this kind is small, with a few rows for each point of a sweep: all points are then in one
+    /// file.
     pub const fn is_small(self) -> bool {
         match self {
             TableKind::Model | TableKind::Scores => true,
@@ -47,10 +48,10 @@ impl TableKind {
     }
 }
 
-/// What a stage reads through one of its inputs.
+/// The kind of table that an input of a stage reads.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum InputKind {
-    /// A table of flight lines: the line at hand, or each in turn for a survey stage.
+    /// A table of flight lines: the current line, or each in turn for a survey stage.
     Lines,
     /// One or several such tables.
     ManyLines,
@@ -72,7 +73,7 @@ pub enum InputKind {
 }
 
 impl InputKind {
-    /// Whether the stage is handed the line at hand of it, and works on the lines that all such inputs have.
+    /// Whether the stage gets the current line of this input. It works on the lines that all such inputs have.
     pub const fn is_by_line(self) -> bool {
         match self {
             InputKind::Lines | InputKind::ManyLines | InputKind::Scores => true,
@@ -106,11 +107,11 @@ pub struct InputDecl {
     pub name: &'static str,
     /// Its kind.
     pub kind: InputKind,
-    /// Whether it may be left out.
+    /// Whether it is optional.
     pub optional: bool,
 }
 
-/// What a table is, seen from the plan.
+/// A table in the plan.
 #[derive(Clone, Debug)]
 pub enum Table {
     /// Flight lines with these columns.
@@ -147,7 +148,7 @@ impl Table {
     }
 }
 
-/// Which columns of the first input go on into the stage's own table, row by row.
+/// Columns of the first input that the stage's table keeps, row by row.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Passes {
     /// All of them: the stage appends columns.
@@ -158,22 +159,22 @@ pub enum Passes {
     None,
 }
 
-/// What a stage reads and yields, given the columns that reach it.
+/// The columns that a stage reads and yields, given its inputs.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Yield {
     /// The columns it makes.
     pub columns: Vec<Column>,
-    /// What goes through unchanged.
+    /// The columns that pass through unchanged.
     pub passes: Passes,
-    /// The columns it is handed, per input (all inputs, in the declared order).
+    /// The columns it reads, per input (all inputs, in the declared order).
     pub reads: Vec<Vec<String>>,
-    /// Samples per second of what it yields, where it made them even.
+    /// Samples per second of the result, if the stage makes the sampling even.
     pub rate_hz: Option<f64>,
-    /// For a fit: the columns of a line that applying the model takes.
+    /// For a fit: the columns that a line needs for the model to be applied.
     pub features: Vec<String>,
-    /// Whether a line may lack a column that is read: it is then handed over as NaN or null. Otherwise the line fails.
+    /// Whether a line may lack a column that is read. The column is then NaN or null; otherwise the line fails.
     pub lenient: bool,
-    /// What the user should know of a choice made automatically.
+    /// Notes on choices made automatically.
     pub notes: Vec<String>,
 }
 

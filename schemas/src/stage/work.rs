@@ -1,22 +1,23 @@
-//! What a computation that takes minutes is given beside its data.
+//! Support for computations that take minutes: saved state, progress and interruption.
 
 use std::ops::ControlFlow;
 
-/// What a long computation keeps, says and asks while it runs. A point is its place among those that are gathered.
+/// Saved state, progress and interruption of a long computation. A point is identified by its position among those that
+/// are gathered.
 pub trait Work: Sync {
-    /// What [`Work::keep`] was given last for a point, by a run that ended before the point did.
+    /// The last state that [`Work::keep`] saved for a point in an interrupted run.
     fn kept(&self, point: usize) -> Option<Vec<u8>>;
 
-    /// Keeps the state of a point, in place of the one before. What cannot be kept is lost with the run and with nothing
-    /// else.
+    /// Saves the state of a point and replaces the previous one. If it cannot be saved, only the resumption of an
+    /// interrupted run is lost.
     fn keep(&self, point: usize, state: &[u8]);
 
-    /// Says how far a point is, in a few words, and returns whether it goes on: it stops when the run is interrupted,
-    /// with a fault of the machine.
+    /// Reports the progress of a point in a few words and returns whether to continue. An interrupted run stops, with a
+    /// fault of the machine.
     fn goes_on(&self, point: usize, progress: &str) -> ControlFlow<()>;
 }
 
-/// Keeps nothing, says nothing, and is never interrupted.
+/// Saves no state, reports no progress, and is never interrupted.
 pub struct Unattended;
 
 impl Work for Unattended {

@@ -164,7 +164,7 @@ fn gold_what_cannot_be_gridded_says_why() {
         all.iter().map(replaced).collect::<Vec<LineIn>>()
     };
     for (name, says) in
-        [("anomaly", "900 without a finite"), ("alt", "900 without a finite"), ("lat", "no point has a place")]
+        [("anomaly", "900 without a finite"), ("alt", "900 without a finite"), ("lat", "no point has a position")]
     {
         assert!(
             refused(&[spacing(200.0)], &nothing(name)).contains(says),

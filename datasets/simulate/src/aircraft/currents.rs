@@ -27,7 +27,7 @@ impl Current {
             .collect()
     }
 
-    /// From 0, off, to 1, fully on; a servo that depends on the direction from -1.
+    /// Level from 0, off, to 1, fully on; a signed servo has -1 to 1.
     pub(super) fn levels(&self, motion: &Motion, temperature: &Temperature, random: &mut Random) -> Vec<f64> {
         let since_s = &motion.since_s;
         match &self.kind {
@@ -57,7 +57,7 @@ impl Current {
         }
     }
 
-    /// The level where it is on in the intervals of `on_off_s`, which are in order.
+    /// The level of a current that is on in the intervals `on_off_s`, which are in order.
     fn trapezoids(&self, since_s: &[f64], on_off_s: &[[f64; 2]]) -> Vec<f64> {
         let mut begun = 0;
         let at = |t: &f64| {
@@ -90,7 +90,7 @@ fn periodic(t: f64, every_s: f64, for_s: f64, ramp_s: f64) -> f64 {
     trapezoid(within, for_s, ramp_s).max(before)
 }
 
-/// When a current that alternates between on and off is on, from `first_s` to beyond `last_s`.
+/// Intervals in which an alternating current is on, from `first_s` to beyond `last_s`.
 pub(super) fn switched(mean_off_on_s: (f64, f64), first_s: f64, last_s: f64, random: &mut Random) -> Vec<[f64; 2]> {
     let (off_s, on_s) = mean_off_on_s;
     let mut on = random.uniform() < on_s / (off_s + on_s);

@@ -1,5 +1,5 @@
-//! What feeds the fields of currents: the currents themselves, and what eddy currents, iron and the ways that the
-//! current takes make of them.
+//! Effective currents, to which the fields of currents are proportional: the currents, modified by eddy currents,
+//! iron and parallel current paths.
 
 use super::{
     response::{Rayleigh, first_order},
@@ -7,17 +7,16 @@ use super::{
 };
 use crate::reading::Components;
 
-/// The amperes that the fields of currents are proportional to along a line. The columns that report the currents know
-/// nothing of the difference.
+/// The effective currents along a line, in A. The columns that report the currents do not include the difference.
 pub(super) struct Feeds {
-    /// One column for each current, in order, then one for each wire that has its own.
+    /// One column for each current, in order, then one for each wire with an effective current.
     pub(super) series_a: Vec<Vec<f64>>,
     /// The column of each wire.
     pub(super) of_wires: Vec<usize>,
 }
 
 impl Feeds {
-    /// Of true currents `amperes`, sampled at `rate_hz`; causes that are switched off change nothing.
+    /// The effective currents of true currents `amperes`, sampled at `rate_hz`. Components that are off have no effect.
     pub(super) fn of(aircraft: &Aircraft, amperes: &[Vec<f64>], rate_hz: f64, components: &Components) -> Feeds {
         let of_current = |(current, true_a): (&Current, &Vec<f64>)| {
             if !current.measured && !components.on("unreported") {
@@ -30,7 +29,7 @@ impl Feeds {
         let mut series_a: Vec<Vec<f64>> = aircraft.currents.iter().zip(amperes).map(of_current).collect();
         let mut of_wires = vec![];
         for wire in &aircraft.wires {
-            // Where nothing comes back another way that way is not there.
+            // Without a return path there is no parallel path.
             let opened = |a: &f64| if components.on("return_path") { carried(*a, wire.onset_a) } else { 0.0 };
             let whole = series_a.get(wire.current).filter(|_| wire.onset_a > 0.0);
             let part = whole.map(|whole| whole.iter().map(opened).collect::<Vec<f64>>());
@@ -41,8 +40,8 @@ impl Feeds {
     }
 }
 
-/// The current and the iron near its wires, whose irreversible part leaves `remanence` of the field of the full current
-/// when that is switched off. The iron has been through the full current before the line begins.
+/// The current and the iron near its wires, whose irreversible part keeps `remanence` of the field of the full current
+/// after that is switched off. The iron has carried the full current before the line begins.
 fn magnetised(current: &Current, true_a: &[f64], remanence: f64) -> Vec<f64> {
     let full_a = current.off_on_a.0.abs().max(current.off_on_a.1.abs());
     if remanence == 0.0 || full_a == 0.0 {
@@ -54,7 +53,7 @@ fn magnetised(current: &Current, true_a: &[f64], remanence: f64) -> Vec<f64> {
     true_a.iter().map(|a| a + remanence * full_a * iron.follow(*a)).collect()
 }
 
-/// What is left of it outside of conductors, in which eddy currents hold up `share` of each change for `tau_s`.
+/// The current as seen outside conductors, whose eddy currents delay `share` of each change with time constant `tau_s`.
 fn lagging(feed_a: Vec<f64>, rate_hz: f64, share: f64, tau_s: f64) -> Vec<f64> {
     if share == 0.0 {
         return feed_a;
@@ -63,7 +62,7 @@ fn lagging(feed_a: Vec<f64>, rate_hz: f64, share: f64, tau_s: f64) -> Vec<f64> {
     feed_a.iter().zip(late).map(|(now, late)| (1.0 - share) * now + share * late).collect()
 }
 
-/// What of a current takes a way that opens with it, such as bonded joints beside a wire: half of `onset_a`.
+/// The part of a current on a parallel path, such as bonded joints; at `onset_a` it is half of the current.
 fn carried(whole_a: f64, onset_a: f64) -> f64 {
     whole_a * whole_a.abs() / (whole_a.abs() + onset_a)
 }
@@ -77,7 +76,7 @@ mod tests {
         assert_eq!(carried(0.0, 3.0), 0.0);
         assert_eq!((carried(3.0, 3.0), carried(-3.0, 3.0)), (1.5, -1.5));
         assert!((carried(3e6, 3.0) / 3e6 - 1.0).abs() < 2e-6);
-        // A small current hardly goes that way: in proportion to its square.
+        // The part of a small current is proportional to its square.
         assert!((carried(0.02, 3.0) / carried(0.01, 3.0) - 4.0).abs() < 0.02);
     }
 }

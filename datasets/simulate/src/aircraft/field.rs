@@ -12,7 +12,7 @@ use crate::reading::Components;
 /// The field strength that the sizes of induced terms and of hysteresis refer to, in nT.
 pub(super) const SCALE_NT: f64 = 50_000.0;
 
-/// Between the steps of the permanent field's random walk, in seconds; linear within them.
+/// Step of the permanent field's random walk, in seconds; linear between steps.
 const WALK_STEP_S: f64 = 10.0;
 
 /// The components of the field at a magnetometer, in the order in which they are added.
@@ -20,13 +20,13 @@ pub(super) const FIELD_PARTS: [&str; 11] =
     ["core", "anomaly", "diurnal", "permanent", "induced", "eddy", "currents", "landing", "walk", "flex", "hysteresis"];
 
 /// The sources of the aircraft's field at one magnetometer in one flight, in the body frame:
-/// P + M B + E dB/dt + the sum of I_k D_k, the landing's shift and a walk of P, the bending of the wings, and what the
-/// airframe's iron remembers of the fields before. [Tolles & Lawson 1950; thesis 000 (3.9)-(3.12)]
+/// P + M B + E dB/dt + the sum of I_k D_k, the landing's shift and a walk of P, wing bending, and the remanence of the
+/// airframe's iron. [Tolles & Lawson 1950; Gnadt 2022, (3.9)-(3.12)]
 pub(super) struct Field {
     permanent_nt: Vector3<f64>,
     induced: Matrix3<f64>,
     eddy_s: Matrix3<f64>,
-    /// By the column of what feeds them.
+    /// Fields of the currents, by the column of the effective current.
     currents_nt_per_a: Vec<(usize, Vector3<f64>)>,
     landing_nt: Vector3<f64>,
     flex_nt_per_mps2: Vector3<f64>,
@@ -42,7 +42,7 @@ pub(super) struct Drive<'a> {
     pub(super) earth_nt: Vector3<f64>,
     /// Its rate, in nT/s.
     pub(super) rate_ntps: Vector3<f64>,
-    /// What feeds the fields of currents along the line, in A: [`super::feeds::Feeds`].
+    /// Effective currents along the line, in A: [`super::feeds::Feeds`].
     pub(super) feeds_a: &'a [Vec<f64>],
     /// The sample.
     pub(super) row: usize,
@@ -55,8 +55,9 @@ pub(super) struct Drive<'a> {
 }
 
 impl Field {
-    /// Draws what the spec does not fix for the sensor `name`: the same on all flights except the landing's shift and
-    /// the walk, which is known up to `until_s` after the flight's start. Components that are switched off are zero.
+    /// Draws the quantities that the spec does not fix for the sensor `name`: the same on all flights except the
+    /// landing's shift and the walk, which is known up to `until_s` after the flight's start. Components that are
+    /// switched off are zero.
     pub(super) fn draw(
         seed: u64,
         (flight, until_s): (&str, f64),

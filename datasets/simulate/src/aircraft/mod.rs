@@ -61,7 +61,7 @@ struct Surroundings<'a> {
     body_nt: EarthParts,
     /// True currents in A: one column each.
     amperes: Vec<Vec<f64>>,
-    /// What the fields of the currents are proportional to.
+    /// Effective currents, to which the fields are proportional.
     feeds: Feeds,
     /// The irreversible magnetisation of the airframe's iron, of that of the reference loop; empty where there is none.
     iron: Vec<Vector3<f64>>,
@@ -84,7 +84,8 @@ impl<'a> Surroundings<'a> {
         Self { scene, truth, earth, motion, body_nt, amperes, feeds, iron, until_s }
     }
 
-    /// The components of the field at a sensor, sample by sample; `earth_nt` is the earth's field there, in the body frame.
+    /// The components of the field at a sensor, sample by sample; `earth_nt` is the earth's field there, in the body
+    /// frame.
     fn field_at(
         &'a self,
         name: &str,
@@ -120,8 +121,8 @@ fn in_body(truth: &Trajectory, ned_nt: [&Vec<Vector3<f64>>; 3]) -> EarthParts {
 }
 
 /// The irreversible magnetisation of the airframe's iron along each axis of the body, of that of the reference loop,
-/// where a sensor has it. Before the line begins the aircraft has turned level through a full circle, to the right or to
-/// the left.
+/// where a sensor has it. Before the line begins the aircraft has turned level through a full circle, to the right or
+/// to the left.
 fn iron(scene: &Scene, earth_nt: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
     let aircraft = &scene.spec.aircraft;
     let sources = aircraft.scalars.iter().map(|s| &s.source).chain(aircraft.vectors.iter().map(|v| &v.source));
@@ -142,8 +143,8 @@ fn iron(scene: &Scene, earth_nt: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
     earth_nt.iter().map(|b| follow(*b)).collect()
 }
 
-/// The readings of every sensor along a line, by column. `at_arms` holds the earth's field (north, east, down) at each scalar
-/// magnetometer that is not at the INS.
+/// The readings of every sensor along a line, by column. `at_arms` holds the earth's field (north, east, down) at each
+/// scalar magnetometer that is not at the INS.
 pub(super) fn readings(
     scene: &Scene,
     truth: &Trajectory,
@@ -226,7 +227,7 @@ impl Surroundings<'_> {
     }
 }
 
-/// What a channel makes of the quantity that it records, before noise.
+/// The value that a channel records, before noise.
 fn recorded(x: Vec<f64>, channel: &Channel, scene: &Scene) -> Vec<f64> {
     let on = |component: &str| scene.spec.components.on(component);
     if let Some(stuck) = channel.stuck_at.filter(|_| on("channel_stuck")) {

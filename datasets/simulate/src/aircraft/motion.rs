@@ -24,7 +24,7 @@ pub(super) struct Motion {
 }
 
 impl Motion {
-    /// From the truth of a line of a flight that begins at `start_tt_s`.
+    /// The motion from the truth of a line; the flight begins at `start_tt_s`.
     pub(super) fn of(truth: &Trajectory, start_tt_s: f64) -> Motion {
         let rows = 0..truth.tt_s.len();
         let force = |i: usize| Vector3::from_fn(|k, _| truth.force_mps2[k][i]);

@@ -1,7 +1,7 @@
-//! What follows its cause late or depends on its past: first-order responses, delays, and the hysteresis of iron.
+//! Delayed and history-dependent responses: first-order responses, delays, and the hysteresis of iron.
 
-/// The response of first order, tau dy/dt + y = x, to `x` sampled at `rate_hz` and straight between its samples; before
-/// the first it has always been `x[0]`. Exact for such an `x`. Without a time constant `x` itself.
+/// The first-order response, tau dy/dt + y = x, to `x` sampled at `rate_hz`. It is exact for an `x` that is linear
+/// between samples and constant before the first one. With a time constant of 0 it is `x`.
 pub(super) fn first_order(x: &[f64], rate_hz: f64, tau_s: f64) -> Vec<f64> {
     if tau_s <= 0.0 {
         return x.to_vec();
@@ -21,8 +21,8 @@ pub(super) fn first_order(x: &[f64], rate_hz: f64, tau_s: f64) -> Vec<f64> {
     out
 }
 
-/// `x`, sampled at `rate_hz`, as it was `delay_s` ago: on the straight line between its samples, so that steps do not
-/// overshoot; before the first it has always been `x[0]`.
+/// `x`, sampled at `rate_hz`, delayed by `delay_s`. Linear interpolation keeps steps from overshooting; before the
+/// first sample the value is `x[0]`.
 pub(super) fn delayed(x: &[f64], rate_hz: f64, delay_s: f64) -> Vec<f64> {
     if delay_s <= 0.0 {
         return x.to_vec();
@@ -43,12 +43,12 @@ pub(super) fn delayed(x: &[f64], rate_hz: f64, delay_s: f64) -> Vec<f64> {
 const PLAYS: usize = 60;
 const LARGEST: f64 = 1.5;
 
-/// The irreversible magnetisation of iron in a weak field by Rayleigh's law, a H² on the first loading and
-/// a (Hm H ± (Hm² - H²) / 2) on the loop between ±Hm, in units of what remains at H = 0 of a loop between plus and minus
-/// the reference amplitude.
+/// The irreversible magnetisation of iron in a weak field by Rayleigh's law: a H² on the first loading, and
+/// a (Hm H ± (Hm² - H²) / 2) on the loop between ±Hm. The unit is the remanence of the loop between plus and minus the
+/// reference amplitude.
 ///
-/// It is a sum of play operators of evenly spaced thresholds (Prandtl and Ishlinskii), whose loops are Rayleigh's: each
-/// turning point is remembered until a larger excursion wipes it out, however fast the field changes. Beyond 1.5 times
+/// It is a sum of play operators with evenly spaced thresholds (Prandtl and Ishlinskii), whose loops are Rayleigh's. It
+/// keeps each turning point until a larger excursion erases it, independent of the rate of the field. Beyond 1.5 times
 /// the reference it is linear. [Rayleigh 1887; IEC 60050-221, 221-03-32; Krejčí 1996, chapter II]
 pub(super) struct Rayleigh {
     reference: f64,
@@ -124,7 +124,7 @@ mod tests {
         assert!(long.iter().all(|x| *x == 0.0));
     }
 
-    /// From `from` to `to` in small steps.
+    /// Values from `from` to `to` in small steps.
     fn sweep(iron: &mut Rayleigh, from: f64, to: f64) -> Vec<f64> {
         (0..=2000).map(|i| iron.follow(from + (to - from) * f64::from(i) / 2000.0)).collect()
     }

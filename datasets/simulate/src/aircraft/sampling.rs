@@ -12,7 +12,8 @@ pub(super) struct Clock {
 }
 
 impl Clock {
-    /// Of a table of `rows` rows at `rate_hz`; a sensor whose delays are switched off reads without delay.
+    /// The sampling for a table of `rows` rows at `rate_hz`; a sensor whose delays are switched off reads without
+    /// delay.
     pub(super) fn new(sampling: &Sampling, rows: usize, rate_hz: f64, on: bool) -> Clock {
         let own_hz = sampling.rate_hz.filter(|own| on && *own < rate_hz * (1.0 - 1e-9));
         let lag_rows = if on { sampling.lag_s * rate_hz } else { 0.0 };

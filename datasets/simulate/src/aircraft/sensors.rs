@@ -208,7 +208,7 @@ impl Bench<'_> {
             reading.add(self.wanted, std::mem::take(&mut calibration[axis]));
             self.linearity(reading, made.linearity[axis], sensor.full_scale_nt);
             self.core_hysteresis(reading, sensor.core_hysteresis_nt);
-            // What the temperature changes the scale of.
+            // The reading whose scale changes with the temperature.
             let felt_nt = reading.values_nt.clone();
             reading.add(self.wanted, vec![if moved { made.offset_nt[axis] } else { 0.0 }; self.tt_s.len()]);
             let per_degc = if self.on("temperature") { made.nt_per_degc[axis] } else { 0.0 };
@@ -229,13 +229,13 @@ impl Bench<'_> {
         axes
     }
 
-    /// How much warmer the sensor is than where it was calibrated, in degrees.
+    /// Temperature of the sensor above the reference temperature, in degrees.
     fn warmth(&self, sensor: &Vector, temperature: &Temperature) -> Vec<f64> {
         let tau_s = if self.on("thermal_lag") { sensor.thermal_tau_s } else { 0.0 };
         self.since_s.iter().map(|t| temperature.followed_at(*t, tau_s) - temperature.reference_degc).collect()
     }
 
-    /// What currents add to the readings, in nT.
+    /// The coupling of currents into the readings, in nT.
     fn crosstalk(&self, sensor: &Vector) -> Vec<Vector3<f64>> {
         let mut added_nt = vec![Vector3::zeros(); self.tt_s.len()];
         let wanted = if self.on("crosstalk") { sensor.crosstalk.as_slice() } else { &[] };

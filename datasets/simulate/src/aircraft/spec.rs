@@ -1,4 +1,4 @@
-//! What the spec says of the aircraft: what is on board, and its magnetometers.
+//! Keys of the aircraft in a synth spec: its electronics and its magnetometers.
 
 pub use electric::{Channel, Current, Engine, Input, Kind, Signal, Temperature, Thermostat, Voltage, Wire};
 pub use sensor::{Heading, Sampling, Scalar, Vector};
@@ -13,7 +13,7 @@ mod source;
 /// The aircraft.
 #[derive(Clone, Debug)]
 pub struct Aircraft {
-    /// Whether each part of each reading is a column of its own, `part_<part>_<column>`.
+    /// Whether each part of each reading is written as a column `part_<part>_<column>`.
     pub component_columns: bool,
     /// The temperature on board.
     pub temperature: Temperature,

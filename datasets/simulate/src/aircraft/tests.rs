@@ -192,7 +192,7 @@ fn law_the_parts_sum_to_the_reading() {
     }
 }
 
-/// Which part belongs to a component; dead zones and dropouts take values away.
+/// The part of a component; dead zones and dropouts remove values.
 fn part_of(component: &str) -> Option<&str> {
     match component {
         "gusts" | "ins" | "dead_zones" | "dropouts" => None,
@@ -315,7 +315,7 @@ fn gold_faults_of_an_aircraft() {
         ("14:8", "`path` of `wires` must be a list of lists of 3 numbers"),
         ("17:13", "`permanent` of `magnetometers` must be a list of 3 numbers"),
         ("18:1", "`magnetometers` has no parameter `heading_n`"),
-        ("22:16", "`permanent` says exactly what `permanent_nt` would draw: keep one"),
+        ("22:16", "`permanent` cannot be combined with `permanent_nt`; remove one of them"),
         ("28:11", "`induced` of `magnetometers` must be a list of 3 lists of 3 numbers"),
         ("30:8", "`lat` is the name of another column"),
     ] {

@@ -31,13 +31,13 @@ fn earth_centred(lat_deg: f64, lon_deg: f64, alt_m: f64) -> Vector3<f64> {
 /// A source in its own Cartesian frame.
 pub(super) struct Placed {
     origin: Vector3<f64>,
-    /// From earth-centred components to the source's frame.
+    /// Rotation from earth-centred components to the source's frame.
     turn: Matrix3<f64>,
     source: Source,
 }
 
 impl Placed {
-    /// Positions a source; without a direction of its own it is magnetised along the core field there.
+    /// Positions a source; without a given direction it is magnetised along the core field.
     pub(super) fn new(buried: &Buried, core: &CoreField) -> Placed {
         let Buried { lat_deg, lon_deg, alt_m, .. } = *buried;
         let along = match buried.inclination_declination_deg {

@@ -1,14 +1,17 @@
-//! The crustal field as a vector, from a map of the total-field anomaly.
+//! The crustal field as a vector, from a map of the total field anomaly.
 //!
-//! A map of one height gives the change of the magnitude of the core field by the anomalous field: to first order
-//! its part T along the core field. Where all sources lie below, the field is the gradient of a harmonic potential and
-//! T determines all of it: wave by wave ([`Spectrum::components`], the stable form of MagNav.jl's `vector_fft`). That
-//! takes one direction of the core field for the whole map, where the real one turns by a degree in a hundred
-//! kilometres, and leaves out the second order, b²/2B: 2 nT of 500. The map is therefore corrected by the difference to
-//! the change of magnitude by the computed field at each node, and the field computed again; each iteration leaves
-//! about b/B of the difference, and six times less than the rounding of the transform. Below 15 degrees of dip, where
-//! waves across the core field are barely in T at all, a residual stays: it is placed along the core direction, so that
-//! the scalar anomaly is that of the map everywhere, and is the one part that is not a gradient.
+//! A level map gives the change of the magnitude of the core field by the crustal field b. To first order this is the
+//! component T of b along the core field. If all sources lie below, b is the gradient of a harmonic potential, and T
+//! determines b wave by wave ([`Spectrum::components`], the stable form of MagNav.jl's `vector_fft`).
+//!
+//! This computation uses one direction of the core field for the whole map, although it changes by a degree in 100 km.
+//! It also neglects the second order, b²/2B: 2 nT for 500 nT. The map is therefore corrected at each node by the
+//! difference from the change of magnitude that the computed field causes, and the field is computed again. Each of the
+//! corrections leaves about b/B of the difference; after the last one it is below the rounding of the transform.
+//!
+//! Below an inclination of 15 degrees, T hardly contains waves across the core field, so a residual remains. It is
+//! added along the core direction, so that the scalar anomaly equals the map everywhere. It is the only part that is
+//! not a gradient.
 
 use std::{
     collections::BTreeMap,
@@ -88,16 +91,16 @@ pub(super) struct CrustalMap {
     corrected: PlaneGrid,
     /// The residual along the core field at the map's height.
     rest: PlaneGrid,
-    /// Whether the four nodes of each cell are known, by rows.
+    /// Whether the four nodes around each grid square are known, by rows.
     known: Vec<bool>,
     /// The cached levels, by the bits of the height above the map: independent of the order of requests.
     levels: Mutex<BTreeMap<u64, Arc<Level>>>,
 }
 
-/// Why there is no field at a sample.
+/// Reason for a sample without a field.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Nowhere {
-    /// It is off the map or where the map is unknown.
+    /// It lies off the map or at an unknown node.
     Off(usize),
     /// It is below the map.
     Below(usize),
@@ -112,7 +115,7 @@ impl CrustalMap {
         let wrong = |e: &dyn std::fmt::Display| ReadError::data(path, e.to_string());
         let level_m = map.column("alt").first().copied().unwrap_or(f64::NAN);
         if map.column("alt").iter().any(|a| *a != level_m) {
-            return Err(ReadError::data(path, "the simulation needs a map of one height").in_column("alt"));
+            return Err(ReadError::data(path, "the simulation requires a level map").in_column("alt"));
         }
         let (lats, lons) = (map.latitudes_deg(), map.longitudes_deg());
         let grid = GeographicGrid::new(&lats, &lons, map.column("anomaly")).map_err(|e| wrong(&e))?;
@@ -149,13 +152,13 @@ impl CrustalMap {
     }
 
     /// The crustal field (north, east, down; nT) at positions in degrees and metres where the core field is
-    /// `core_ned_nt`. Each is `moved` by a few decimetres at most (degrees of latitude and longitude, metres up), which
-    /// may lead past the edge of the map: the splines of the position's own cell are extrapolated there.
+    /// `core_ned_nt`. Each is `moved` by at most a few decimetres (degrees of latitude and longitude, metres up). This
+    /// may lead past the edge of the map, where the splines at the position are extrapolated.
     ///
-    /// Positions of one height share a level. Otherwise the field is a cubic of height between levels that are
-    /// half a spacing apart near the map and a quarter of their height above it farther up; its slopes are those
-    /// of a field without sources or curl, so that value and slope are continuous. The cubic errs by (k s)⁴/384 of a
-    /// wave of wavenumber k where the levels are s apart: by 6e-5 of a wave of eight spacings.
+    /// Positions at one height share a level. Otherwise the field is a cubic of height between levels. Levels are half
+    /// a spacing apart near the map, and a quarter of their height above it farther up. The slopes are those of a field
+    /// without sources or curl, so value and slope are continuous. For levels s apart, the relative error of the cubic
+    /// is (k s)⁴/384 at the wavenumber k: 6e-5 for a wavelength of eight spacings.
     ///
     /// # Errors
     /// Fails at the first position without a field, or for a map that cannot be continued.
@@ -359,8 +362,7 @@ impl Tower {
     }
 }
 
-/// How the components change per metre of height in a field without curl and sources; the residual is taken as
-/// constant.
+/// Vertical derivatives of the components in a field without curl and sources, per metre; the residual is constant.
 fn vertical_slope(jet: &Jet, [north_m, east_m]: [f64; 2]) -> Quantities {
     let [east, north, up] = [0, 1, 2];
     let divergence = jet.per_column[east] / east_m + jet.per_row[north] / north_m;

@@ -87,11 +87,11 @@ const STEP_S: f64 = 1e-3;
 
 /// The earth's field along a line: the exact sum of its three vectors, and its rate.
 ///
-/// The rate in the body frame is Cᵀ dB/dt − ω × (Cᵀ B), with the attitude C, the exact rates of turn ω of the body
-/// against north-east-down, and dB/dt = (v·∇)B + ∂B/∂t of the components north, east, down: the difference of the
-/// field a millisecond ahead and behind on the tangent of the track. It does not depend on the sample rate of the
-/// flight. The difference errs by (k v h)²/6 of a wave of wavenumber k, 1e-6 of one of 150 m at 60 m/s. The core
-/// field's secular variation, below 1e-5 nT/s, is left out of the rate.
+/// The rate in the body frame is Cᵀ dB/dt − ω × (Cᵀ B). C is the attitude and ω the exact angular rate of the body
+/// relative to north-east-down. dB/dt = (v·∇)B + ∂B/∂t is the rate of the components north, east and down. It is the
+/// difference of the field 1 ms ahead and behind on the tangent of the track, so it does not depend on the sample rate
+/// of the flight. The relative error of the difference is (k v h)²/6 at the wavenumber k: 1e-6 for 150 m at 60 m/s. The
+/// core field's secular variation, below 1e-5 nT/s, is not included in the rate.
 ///
 /// # Errors
 /// Fails for a line that leaves the known map, goes below it or through a source; a time without a value of the
@@ -113,8 +113,8 @@ pub(super) fn along(scene: &Scene, truth: &Trajectory, field: &Field) -> Result<
     Ok(out)
 }
 
-/// Core field, crustal field and temporal variation (north, east, down; nT) at a place of the body `arm_m` (nose, right,
-/// down) from the INS.
+/// Core field, crustal field and temporal variation (north, east, down; nT) at a place of the body `arm_m` (nose,
+/// right, down) from the INS.
 ///
 /// # Errors
 /// Fails as [`along`].
@@ -181,7 +181,7 @@ fn anomaly(
         None => Ok(out),
         Some(i) => {
             let what = format!("goes through a source at {:.5}, {:.5}, {} m", lat[i], lon[i], at.own.alt_m[i]);
-            Err(scene.fault(what).help("put the source deeper or fly higher"))
+            Err(scene.fault(what).help("place the source deeper or raise `alt_m` of the line"))
         }
     }
 }
@@ -198,8 +198,8 @@ fn off_the_map(scene: &Scene, truth: &Trajectory, map: &CrustalMap, nowhere: Now
         Nowhere::Below(i) => {
             let (level_m, alt_m) = (map.level_m(), truth.alt_m[i]);
             scene
-                .fault(format!("the map is {level_m} m high, above the line's {alt_m} m"))
-                .help("fly at the map's height or above")
+                .fault(format!("the map's height, {level_m} m, is above the line's height, {alt_m} m"))
+                .help("raise `alt_m` of the line to the map's height or above")
         }
     }
 }
@@ -224,7 +224,7 @@ fn diurnal(
     let (tt_s, lat_deg, lon_deg) = (&at.tt_s, &at.lat_deg, &at.lon_deg);
     variation
         .along(&Moments { tt_s, lat_deg, lon_deg, core_ned_nt })
-        .map_err(|what| scene.fault(what).help("fly at a time that the record covers, or take another record"))
+        .map_err(|what| scene.fault(what).help("fly at a time that the record covers, or use another record"))
 }
 
 #[cfg(test)]

@@ -6,41 +6,38 @@ use datasets::{ReadError, formats::ObservatoryRecord};
 use nalgebra::Vector3;
 use numerics::signal::natural_cubic;
 
-/// Hours of local day whose mean is the quiet value.
+/// Hours of the local day whose mean is the quiet value.
 const QUIET_H: std::ops::Range<f64> = 0.0..3.0;
 /// Seconds by which a time may miss the end of a run; the spline is extrapolated there.
 const SLACK_S: f64 = 5e-3;
 
-/// The departure of a record from its base, by time of day.
+/// The deviation of a record from its baseline, by time of day.
 pub(super) struct Observatory {
     name: String,
     start_tt_s: f64,
     step_s: f64,
-    /// Where each run without gaps begins, and the spline's coefficients at its samples.
+    /// Start of each run without gaps, and the spline's coefficients at its samples.
     runs: Vec<(usize, Vec<[f64; 3]>)>,
 }
 
 impl Observatory {
-    /// Reads a record; its zero is its mean, or the mean of its first three hours of local day.
+    /// Reads a record; its baseline is its mean, or the mean of its first three hours of the local day.
     ///
     /// # Errors
-    /// Fails for a file that is not an observatory record, or that has no values for the base.
+    /// Fails for a file that is not an observatory record, or that has no values for the baseline.
     pub(super) fn read(path: &Path, quiet_base: bool) -> Result<Observatory, ReadError> {
         let record = datasets::formats::read_iaga2002(path)?;
         let local_h = |k: usize| (record.tt_s(k) / 3600.0 + record.lon_deg / 15.0).rem_euclid(24.0);
         let counts = |(k, v): &(usize, &[f64; 3])| known(v) && (!quiet_base || QUIET_H.contains(&local_h(*k)));
         let chosen: Vec<&[f64; 3]> = record.ned_nt.iter().enumerate().filter(counts).map(|(_, v)| v).collect();
         if chosen.is_empty() {
-            let what = if quiet_base { "has no value in its first three hours of local day" } else { "has no value" };
+            let what =
+                if quiet_base { "has no value in its first three hours of the local day" } else { "has no value" };
             let error = ReadError::data(path, format!("the record {what}"));
             if let Some(note) = record.notes.first() {
                 return Err(error.help(note.clone()));
             }
-            return Err(if quiet_base {
-                error.help("use the mean as the base: `observatory_base = \"mean\"`")
-            } else {
-                error
-            });
+            return Err(if quiet_base { error.help("set `observatory_base = \"mean\"`") } else { error });
         }
         let base = [0, 1, 2].map(|axis| chosen.iter().map(|v| v[axis]).sum::<f64>() / chosen.len() as f64);
         Ok(Observatory::of(&record, base))

@@ -1,5 +1,5 @@
-//! What the spec says of the earth's field: the core model, the map of the anomaly, sources in the ground, and
-//! the temporal variation.
+//! Keys of the earth's field in a synth spec: the core model, the map of the anomaly, sources in the ground, and the
+//! temporal variation.
 
 use std::path::{Path, PathBuf};
 
@@ -24,7 +24,7 @@ pub struct Earth {
 }
 
 impl Earth {
-    /// The files that the field depends on, and what each is.
+    /// The files that the field depends on, each with a description.
     pub(in super::super) fn files(&self) -> Vec<(&'static str, &Path)> {
         let map = self.map.iter().map(|(path, _)| ("map", path.as_path()));
         let record = self.diurnal.observatory.iter().map(|(path, _)| ("record of the observatory", path.as_path()));
@@ -41,9 +41,9 @@ pub struct Buried {
     pub lon_deg: f64,
     /// The height of a dipole, or of the top of a prism, above the ellipsoid.
     pub alt_m: f64,
-    /// Inclination (down from the horizontal) and declination of its magnetisation; `None` is along the core field.
+    /// Inclination (down from the horizontal) and declination of its magnetisation; `None` means along the core field.
     pub inclination_declination_deg: Option<(f64, f64)>,
-    /// What it is.
+    /// Its kind and size.
     pub body: Body,
 }
 
@@ -71,24 +71,24 @@ pub enum Body {
 pub struct Diurnal {
     /// Irregular variation along the core field, drawn for each flight.
     pub irregular: Option<GaussMarkov>,
-    /// The greatest departure of the quiet-day curve from its night value at 35 degrees of latitude, in nT.
+    /// Maximum deviation of the quiet-day curve from its night value at a latitude of 35 degrees, in nT.
     pub quiet_nt: f64,
     /// Pulsations of a narrow band.
     pub pulsations: Option<Pulsations>,
     /// A magnetic storm.
     pub storm: Option<Storm>,
-    /// An observatory's record, and whether its quiet value is its zero rather than its mean.
+    /// An observatory's record, and whether its baseline is the quiet value instead of the mean.
     pub observatory: Option<(PathBuf, bool)>,
 }
 
 /// Pulsations of the field.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pulsations {
-    /// Standard deviation of the northward part, in nT.
+    /// Standard deviation of the north component, in nT.
     pub sigma_nt: f64,
-    /// The middle of the band.
+    /// Centre of the band, in s.
     pub period_s: f64,
-    /// Standard deviation of the frequency, as a part of it.
+    /// Standard deviation of the frequency, as a fraction of the centre frequency.
     pub width: f64,
 }
 
@@ -99,35 +99,35 @@ pub struct Storm {
     pub depth_nt: f64,
     /// Its sudden commencement, in seconds past midnight.
     pub start_tt_s: f64,
-    /// From there to its deepest.
+    /// Time from the commencement to the minimum, in s.
     pub main_s: f64,
-    /// From there until 1/e of it is left.
+    /// Time from the minimum to 1/e of the depth, in s.
     pub recovery_s: f64,
 }
 
 params! {
-    /// The table `core_field`: the core field, which is always on.
+    /// The table `core_field`: the core field, which cannot be switched off.
     pub struct CoreKeys;
-    /// The model; the World Magnetic Model is for 2020 to 2030.
+    /// Model of the core field. The World Magnetic Model covers 2020 to 2030.
     model: CoreModel, unit "", default CoreModel::Igrf14;
 }
 
 params! {
-    /// The table `map`: the anomaly. It may be left out where there are `sources`, or no anomaly.
+    /// The table `map`: the anomaly map. It is optional with `sources`, or with `anomaly = false` in `components`.
     pub struct MapKeys;
-    /// The file, relative to the spec.
+    /// Path of the map file, relative to the spec.
     path: String, unit "";
-    /// Its format.
-    format: Option<String>, unit "", absent "by its content and extension";
-    /// The EPSG code of its coordinates.
-    epsg: Option<usize>, unit "", absent "as the file says", rule Rule::Between(1.0, 65535.0);
-    /// Its height above the ellipsoid.
-    alt_m: Option<f64>, unit "m", absent "as the file says", rule Rule::Finite;
-    /// The unit of its values.
-    unit: Option<String>, unit "", absent "as the file says, else nT";
+    /// Format of the file.
+    format: Option<String>, unit "", absent "detected from content and extension";
+    /// EPSG code of the file's coordinates.
+    epsg: Option<usize>, unit "", absent "read from the file", rule Rule::Between(1.0, 65535.0);
+    /// Height of the map above the WGS-84 ellipsoid.
+    alt_m: Option<f64>, unit "m", absent "read from the file", rule Rule::Finite;
+    /// Unit of the map's values.
+    unit: Option<String>, unit "", absent "read from the file, else nT";
     /// Numbers that mark an unknown value.
     missing: Vec<Word>, unit "", default Vec::<Word>::new();
-    /// Checks that impossible values may fail.
+    /// Plausibility checks that are disabled for this map.
     accept: Vec<Accept>, unit "", default Vec::<Accept>::new();
 }
 
@@ -144,66 +144,66 @@ choice! {
 params! {
     /// A table of `sources`: a dipole or prism in the ground, added to the map.
     pub struct SourceKeys;
-    /// What it is.
+    /// Kind of the source.
     kind: BodyKind, unit "", default BodyKind::Dipole;
-    /// The latitude of its middle.
+    /// Latitude of the centre.
     lat: f64, unit "deg", rule Rule::Between(-90.0, 90.0);
-    /// The longitude of its middle.
+    /// Longitude of the centre.
     lon: f64, unit "deg", rule Rule::Between(-360.0, 360.0);
-    /// The depth of a dipole, or of a prism's top, below the ellipsoid; this or `alt_m`.
+    /// Depth of a dipole, or of a prism's top, below the WGS-84 ellipsoid. Excludes `alt_m`.
     depth_m: Option<f64>, unit "m", absent "`alt_m` is given", rule Rule::Finite;
-    /// Its height above the ellipsoid; this or `depth_m`.
+    /// Height of a dipole, or of a prism's top, above the WGS-84 ellipsoid. Excludes `depth_m`.
     alt_m: Option<f64>, unit "m", absent "`depth_m` is given", rule Rule::Finite;
-    /// The moment of a dipole, which needs it.
-    moment_am2: Option<f64>, unit "A m2", absent "it is a prism", rule Rule::Finite;
-    /// The magnetisation of a prism, which needs it.
-    magnetisation_apm: Option<f64>, unit "A/m", absent "it is a dipole", rule Rule::Finite;
-    /// Length along `azimuth_deg`, width and thickness of a prism, which needs them.
-    size_m: Option<[f64; 3]>, unit "m", absent "it is a dipole", rule Rule::Positive;
-    /// The direction of a prism's length, clockwise from north.
+    /// Magnetic moment of a dipole. Required for a dipole.
+    moment_am2: Option<f64>, unit "A m2", absent "a prism", rule Rule::Finite;
+    /// Magnetisation of a prism. Required for a prism.
+    magnetisation_apm: Option<f64>, unit "A/m", absent "a dipole", rule Rule::Finite;
+    /// Length along `azimuth_deg`, width and thickness of a prism. Required for a prism.
+    size_m: Option<[f64; 3]>, unit "m", absent "a dipole", rule Rule::Positive;
+    /// Azimuth of a prism's length, clockwise from true north.
     azimuth_deg: Option<f64>, unit "deg", absent "north", rule Rule::Between(-360.0, 360.0);
-    /// The inclination of the magnetisation, down from the horizontal.
+    /// Inclination of the magnetisation, down from the horizontal.
     inclination_deg: Option<f64>, unit "deg", absent "along the core field", rule Rule::Between(-90.0, 90.0);
-    /// Its declination.
+    /// Declination of the magnetisation, clockwise from true north.
     declination_deg: Option<f64>, unit "deg", absent "0 with `inclination_deg`", rule Rule::Between(-360.0, 360.0);
 }
 
 choice! {
-    /// What the departure of an observatory's record is counted from.
+    /// Baseline of an observatory's record.
     pub enum Base {
-        /// Its mean.
+        /// The mean of the record.
         Mean = "mean",
-        /// Its first three hours of local day.
+        /// The first three hours of the local day.
         Quiet = "quiet",
     }
 }
 
 params! {
-    /// The table `diurnal`: the temporal variation. Every part is 0 unless it is given.
+    /// The table `diurnal`: the temporal variation. Each part defaults to 0.
     pub struct DiurnalKeys, all default;
-    /// Standard deviation of a Gauss-Markov process along the core field, drawn for each flight.
+    /// Standard deviation of a first-order Gauss-Markov process along the core field, drawn for each flight.
     sigma_nt: f64, unit "nT", default 0.0, rule Rule::NotNegative;
-    /// Its correlation time.
+    /// Time constant of that process.
     tau_s: f64, unit "s", default 600.0, rule Rule::Positive;
-    /// The greatest departure of the quiet-day curve from the night, at 35 degrees of latitude.
+    /// Maximum deviation of the quiet-day curve from its night value, at a latitude of 35 degrees.
     quiet_nt: f64, unit "nT", default 0.0, rule Rule::NotNegative;
-    /// Standard deviation of the northward part of the pulsations.
+    /// Standard deviation of the north component of the pulsations.
     pulsation_nt: f64, unit "nT", default 0.0, rule Rule::NotNegative;
-    /// Their middle period: Pc3 10 to 45 s, Pc4 to 150 s, Pc5 to 600 s.
+    /// Centre period of the pulsations: 10 to 45 s for Pc3, 45 to 150 s for Pc4, 150 to 600 s for Pc5.
     pulsation_period_s: f64, unit "s", default 30.0, rule Rule::Between(0.1, 3600.0);
-    /// Standard deviation of their frequency, as a part of it.
+    /// Standard deviation of the frequency of the pulsations, as a fraction of the centre frequency.
     pulsation_width: f64, unit "1", default 0.1, rule Rule::Between(0.001, 0.3);
-    /// The depth of a storm at the geomagnetic equator.
+    /// Depth of a magnetic storm at the geomagnetic equator.
     storm_nt: f64, unit "nT", default 0.0, rule Rule::NotNegative;
-    /// Its sudden commencement, in seconds past midnight UTC.
-    storm_start_tt_s: Option<f64>, unit "s", default None, absent "there is no storm", rule Rule::Finite;
-    /// From there to its deepest.
+    /// Time of the storm's sudden commencement, in s past midnight UTC. Required with `storm_nt`.
+    storm_start_tt_s: Option<f64>, unit "s", default None, absent "no storm", rule Rule::Finite;
+    /// Time from the commencement to the minimum of the storm.
     storm_main_s: f64, unit "s", default 21_600.0, rule Rule::Positive;
-    /// From there until 1/e of it is left.
+    /// Time from the minimum to 1/e of the storm's depth.
     storm_recovery_s: f64, unit "s", default 57_600.0, rule Rule::Positive;
-    /// A record of an observatory (IAGA-2002), by time of day; relative to the spec.
-    observatory: Option<String>, unit "", default None, absent "there is no record";
-    /// What the departure of the record is counted from.
+    /// Path of an observatory's record in IAGA-2002 format, relative to the spec. The record is used by time of day.
+    observatory: Option<String>, unit "", default None, absent "no record";
+    /// Baseline that is subtracted from the record.
     observatory_base: Base, unit "", default Base::Mean;
 }
 
@@ -212,7 +212,7 @@ pub(in super::super) fn earth(root: &Section, folder: &Path, components: &Compon
     let sources: Vec<Buried> = root.sections("sources").iter().filter_map(buried).collect();
     let map = root.section("map");
     if map.is_none() && sources.is_empty() && components.on("anomaly") {
-        root.fault("the spec needs a table `map` or `sources`, or `anomaly = false` in `components`".to_owned());
+        root.fault("the spec needs a table `map`, a list `sources`, or `anomaly = false` in `components`".to_owned());
     }
     let core = root.section("core_field").and_then(|s| s.group::<CoreKeys>(None)).map(|keys| keys.model);
     let diurnal = root.section("diurnal").and_then(|s| diurnal(&s, folder)).unwrap_or_default();
@@ -228,14 +228,14 @@ fn map(s: &Section, folder: &Path) -> Option<(PathBuf, MapOptions)> {
 fn buried(s: &Section) -> Option<Buried> {
     let keys: SourceKeys = s.group(None)?;
     if keys.depth_m.is_some() == keys.alt_m.is_some() {
-        s.fault("a source needs `depth_m` or `alt_m`, one of the two".to_owned());
+        s.fault("a source needs either `depth_m` or `alt_m`".to_owned());
     }
     if keys.declination_deg.is_some() && keys.inclination_deg.is_none() {
         s.fault_at("declination_deg", "a source with `declination_deg` needs `inclination_deg` too".to_owned());
     }
     let foreign = |given: [(&'static str, bool); 3], kind: BodyKind| {
         for (key, _) in given.into_iter().filter(|(_, given)| *given) {
-            s.fault_at(key, format!("`{key}` belongs to the kind `{}`", kind.word()));
+            s.fault_at(key, format!("`{key}` is a key of `kind = \"{}\"`", kind.word()));
         }
     };
     let body = match keys.kind {
@@ -273,7 +273,7 @@ fn diurnal(s: &Section, folder: &Path) -> Option<Diurnal> {
     let irregular = GaussMarkov { sigma: keys.sigma_nt, tau_s: keys.tau_s };
     let (sigma_nt, period_s, width) = (keys.pulsation_nt, keys.pulsation_period_s, keys.pulsation_width);
     if keys.storm_nt > 0.0 && keys.storm_start_tt_s.is_none() {
-        s.fault_at("storm_nt", "a storm needs `storm_start_tt_s`, when it begins".to_owned());
+        s.fault_at("storm_nt", "`storm_nt` needs `storm_start_tt_s`, the start in s past midnight UTC".to_owned());
     }
     let storm = |start_tt_s| {
         let (main_s, recovery_s) = (keys.storm_main_s, keys.storm_recovery_s);

@@ -480,7 +480,7 @@ fn law_a_flight_sees_the_record_along_the_core_field() {
 #[test]
 fn gold_faults_of_the_earths_field() {
     let said = try_flown(&format!("{BARE}{LINE}")).unwrap_err();
-    assert!(said.contains("needs a table `map` or `sources`, or `anomaly = false` in `components`"), "{said}");
+    assert!(said.contains("needs a table `map`, a list `sources`, or `anomaly = false` in `components`"), "{said}");
     let wrong = "[core_field]\nmodel = 'igfr'\n[[sources]]\nkind = 'prizm'\nlat = 1.0\nlon = 1.0\n[[sources]]\nlat = -22.0\nlon = 140.6\ndepth_m = 1.0\n\
                  alt_m = -1.0\nmoment_am2 = 1.0\n[[sources]]\nlat = 99.0\nlon = 1.0\ndepth_m = 1.0\n[[sources]]\nkind = 'prism'\n\
                  lat = 9.0\nlon = 1.0\ndepth_m = 1.0\nmagnetisation_apm = 1.0\n[diurnal]\nstorm_nt = 3.0\nquite_nt = 1.0\n";
@@ -489,10 +489,10 @@ fn gold_faults_of_the_earths_field() {
         "`model` cannot be `igfr`",
         "did you mean `igrf`?",
         "`kind` cannot be `prizm`",
-        "a source needs `depth_m` or `alt_m`, one of the two",
+        "a source needs either `depth_m` or `alt_m`",
         "`lat` must be -90 to 90",
         "a prism needs `size_m`, its length, width and thickness",
-        "a storm needs `storm_start_tt_s`, when it begins",
+        "`storm_nt` needs `storm_start_tt_s`, the start in s past midnight UTC",
         "did you mean `quiet_nt`?",
     ] {
         assert!(said.contains(what), "{what} is not in\n{said}");

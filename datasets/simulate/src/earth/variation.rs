@@ -1,18 +1,19 @@
 //! The temporal variation of the field, as a vector in north-east-down.
 //!
-//! All of it is a function of the time of day and the position, so that the lines of a flight have the same variation,
-//! and so do flights of one day; only the irregular part is drawn for each flight. The forms are simple ones:
+//! The variation is a function of the time of day and the position. All lines and flights of a day therefore share it;
+//! only the irregular part is drawn for each flight.
 //!
-//! * The quiet day is a potential of the harmonics of degree n = m + 1 and order m = 1 to 4 that carry most of the Sq
-//!   field [Chapman & Bartels 1940, Geomagnetism, chapter XX], in phase at local noon, with 0.4 of the external part
-//!   induced below. Noon is north of midnight near the equator and south of it beyond about 40 degrees of latitude;
-//!   in the northern hemisphere the morning is east, and noon less down. It is counted from local midnight.
-//! * A storm is the field of a far ring current, along the earth's dipole axis, with 0.27 of it induced below: it
+//! * The quiet day is a potential of the harmonics of degree n = m + 1 and order m = 1 to 4, which carry most of the Sq
+//!   field [Chapman & Bartels 1940, Geomagnetism, chapter XX]. They are in phase at local noon; the induced part is 0.4
+//!   of the external part. At noon the field is north of its midnight value near the equator, and south of it beyond
+//!   about 40 degrees of latitude. In the northern hemisphere it is east in the morning and less down at noon. The
+//!   baseline is local midnight.
+//! * A storm is the field of a distant ring current, along the earth's dipole axis; the induced part is 0.27 of it. It
 //!   rises suddenly by a quarter of its depth, falls to its depth as a squared sine, and recovers as (1 + y) e^(−y).
-//! * Pulsations are sums of waves whose frequencies are drawn about one: packets that grow and decay over 1/(2π width)
-//!   periods. East is 0.4 of north and a quarter of a period behind, down 0.2 of north and opposite.
-//! * The irregular part is a first-order Gauss-Markov process along the core field, at knots a second apart
-//!   (a twentieth of its correlation time if that is less), linear between them.
+//! * Pulsations are sums of waves with frequencies drawn about a centre: packets that grow and decay over
+//!   1/(2π width) periods. The east component is 0.4 of north with a lag of a quarter period; down is -0.2 of north.
+//! * The irregular part is a first-order Gauss-Markov process along the core field. Its knots are 1 s apart (or 1/20 of
+//!   its time constant if that is less), with linear interpolation.
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
@@ -26,7 +27,7 @@ use super::{
 use crate::random::Random;
 
 const DAY_S: f64 = 86_400.0;
-/// Seconds by which a moment may lie before the flight's start; the first interval between knots is extrapolated there.
+/// Maximum time of a moment before the flight's start, s; the first interval between knots is extrapolated.
 const SLACK_S: f64 = 5e-3;
 
 /// The temporal variation of one flight.
@@ -35,7 +36,7 @@ pub(super) struct Variation<'a> {
     pub(super) observatory: Option<&'a Observatory>,
     pub(super) seed: u64,
     pub(super) flight: &'a str,
-    /// When the flight begins.
+    /// Start of the flight.
     pub(super) start_tt_s: f64,
 }
 

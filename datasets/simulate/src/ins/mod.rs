@@ -1,7 +1,7 @@
-//! The INS of the aircraft: truth less one realisation of its error.
+//! The INS of the aircraft: truth minus one realisation of its error.
 //!
-//! The errors continue from line to line of a flight, so that the lines of a flight have to be simulated in
-//! their order by one [`Run`]; flights are independent of each other.
+//! The errors continue from line to line of a flight. One [`Run`] therefore simulates the lines of a flight in order;
+//! flights are independent of each other.
 
 use numerics::angle::wrap_deg;
 use std::path::Path;
@@ -69,10 +69,10 @@ struct Carried {
 }
 
 impl Run {
-    /// The INS of a flight before its first line. The member of an ensemble is chosen here, for
-    /// which all lines are flown once, one at a time in memory.
+    /// The INS of a flight before its first line. For an ensemble, this function flies all lines once, one at a time
+    /// in memory, to choose the member.
     ///
-    /// The members are ranked by the error model in steps of a second, whatever the method.
+    /// The linear error model ranks the members, in steps of 1 s, for either method.
     ///
     /// # Errors
     /// Fails for a trajectory or a parameter outside the error model.
@@ -82,8 +82,8 @@ impl Run {
         Ok(Run { member, carried: None, aligned_s: f64::NAN })
     }
 
-    /// The INS output along the next line, one column for each of [`COLUMNS`]. With the component `ins` off
-    /// it is the truth.
+    /// The INS output along the next line, one column for each of [`COLUMNS`]. With the component `ins` off, it equals
+    /// the truth.
     ///
     /// # Errors
     /// Fails for a trajectory or a parameter outside the error model, and for an INS whose error exceeds the limit.
@@ -133,7 +133,7 @@ impl Streams {
     }
 }
 
-/// The random numbers of a member of the ensemble: of the flight, or of the line where the INS is realigned.
+/// The random numbers of an ensemble member: one stream per flight, or per line where the INS is realigned.
 fn stream(scene: &Scene, member: usize, what: &str) -> Random {
     let (flight, member) = (scene.flight.name.as_str(), member.to_string());
     match scene.spec.ins.align {
@@ -162,7 +162,7 @@ impl Carried {
         Carried { streams, extras, error, place: Place::default() }
     }
 
-    /// After the pause before a line.
+    /// The state after the pause before a line.
     fn wait(mut self, ins: &Ins, next: &Trajectory) -> Result<Carried, InsErrorFault> {
         let next = Place::first(next).unwrap_or_default();
         if let Some(pause) = between(&self.place, &next) {
@@ -221,7 +221,7 @@ fn refuse_runaway(scene: &Scene, truth: &Trajectory, errors: &[StateVector]) -> 
     let what = format!("the INS diverges: its error is {:.0} km after {since:.0} s", off_m(row) / 1e3);
     Err(scene
         .fault(what)
-        .help("shorten the flight, align = \"line\", choose a better grade or a larger `error_limit_m`"))
+        .help("shorten the flight, set `align = \"line\"`, choose a better `grade` or raise `error_limit_m`"))
 }
 
 /// INS = truth - error. For any error, latitude and longitude are valid and the

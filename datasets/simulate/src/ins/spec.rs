@@ -1,6 +1,6 @@
-//! What the spec says of the INS.
+//! Keys of the INS in a synth spec.
 //!
-//! An initial error and a bias that are given are INS minus truth, and measured minus true.
+//! A given initial error is INS minus truth; a given bias is measured minus true.
 
 use numerics::navigation::{
     ins_error::{InsErrorModel, InsErrors, InsGrade},
@@ -12,23 +12,22 @@ use schemas::{Rule, choice, params};
 use crate::reading::Section;
 
 choice! {
-    /// When the INS is aligned.
+    /// Time of alignment of the INS.
     pub enum Align {
-        /// Once, at the beginning of the first line; its errors run on from line to line and through the
-        /// pauses between them, which are taken as straight level flight.
+        /// Once, at the start of the first line. The errors continue from line to line and through the pauses
+        /// between them, which are simulated as straight level flight.
         Flight = "flight",
-        /// Anew at the beginning of each line.
+        /// At the start of each line.
         Line = "line",
     }
 }
 
 choice! {
-    /// What carries the errors along.
+    /// Propagation of the errors.
     pub enum Method {
-        /// The linear error model of thesis 000 (5.15).
+        /// The linear error model of Gnadt 2022, (5.15).
         ErrorModel = "error_model",
-        /// A strapdown mechanisation of faulty gyroscope and accelerometer readings, which is right for
-        /// errors of any size.
+        /// A strapdown mechanisation of erroneous gyroscope and accelerometer readings, valid for errors of any size.
         Mechanisation = "mechanisation",
     }
 }
@@ -36,35 +35,36 @@ choice! {
 params! {
     /// The table `ins`.
     pub struct Keys, groups [errors: InsErrors];
-    /// The grade of the INS: the defaults of its error sources.
+    /// Grade of the INS, which sets the defaults of its error sources.
     grade: InsGrade, unit "", default InsGrade::Magnav;
-    /// When it is aligned: once a flight, or anew at each line.
+    /// Time of alignment: at the start of the flight, or of each line.
     align: Align, unit "", default Align::Flight;
-    /// What carries the errors along: the linear error model, or a strapdown mechanisation.
+    /// Propagation of the errors: by the linear error model, or by a strapdown mechanisation.
     method: Method, unit "", default Method::ErrorModel;
-    /// Error of the position at alignment, north and east, INS minus truth.
+    /// Position error at alignment, north and east, INS minus truth.
     init_position_error_m: Option<[f64; 2]>, unit "m", absent "drawn", rule Rule::Finite;
-    /// Error of the height at alignment.
+    /// Height error at alignment, INS minus truth.
     init_altitude_error_m: Option<f64>, unit "m", absent "drawn", rule Rule::Finite;
-    /// Error of the velocity at alignment, north, east and down.
+    /// Velocity error at alignment, north, east and down, INS minus truth.
     init_velocity_error_mps: Option<[f64; 3]>, unit "m/s", absent "drawn", rule Rule::Finite;
-    /// How the attitude of the INS is turned about north, east and down at alignment.
+    /// Tilt of the INS at alignment: rotation from the true attitude about north, east and down.
     init_tilt_error_deg: Option<[f64; 3]>, unit "deg", absent "drawn", rule Rule::Finite;
-    /// The accelerometers' biases x, y, z at first, measured minus true.
+    /// Initial accelerometer biases along x, y and z of the body frame, measured minus true.
     init_acc_bias_mps2: Option<[f64; 3]>, unit "m/s2", absent "drawn", rule Rule::Finite;
-    /// The gyroscopes' biases x, y, z at first, measured minus true.
+    /// Initial gyroscope biases about x, y and z of the body frame, measured minus true.
     init_gyro_bias_radps: Option<[f64; 3]>, unit "rad/s", absent "drawn", rule Rule::Finite;
-    /// The barometer's error at first, up.
+    /// Initial error of the barometric height, up positive, measured minus true.
     init_baro_error_m: Option<f64>, unit "m", absent "drawn", rule Rule::Finite;
-    /// Standard deviation of the accelerometers' constant scale errors, in parts per million; of `mechanisation` alone.
+    /// Standard deviation of the accelerometers' constant scale errors, ppm. Requires `method = "mechanisation"`.
     acc_scale_ppm: f64, unit "1", default 0.0, rule Rule::Between(0.0, 1e5);
-    /// Standard deviation of the gyroscopes' constant scale errors, in parts per million; of `mechanisation` alone.
+    /// Standard deviation of the gyroscopes' constant scale errors, ppm. Requires `method = "mechanisation"`.
     gyro_scale_ppm: f64, unit "1", default 0.0, rule Rule::Between(0.0, 1e5);
-    /// How many realisations are drawn.
+    /// Number of realisations that are drawn.
     ensemble: usize, unit "", default 1usize, rule Rule::Between(1.0, 10_000.0);
-    /// Which one is flown: its rank by the DRMS over the lines of the flight, the largest being 1.
-    take: Option<usize>, unit "", absent "the tenth largest of a hundred", rule Rule::Between(1.0, 10_000.0);
-    /// The largest position error that is simulated. Beyond it neither a linear error model nor a map applies.
+    /// Rank of the realisation that is flown, by DRMS over the lines of the flight. Rank 1 has the largest DRMS.
+    take: Option<usize>, unit "", absent "a tenth of `ensemble`, rounded up", rule Rule::Between(1.0, 10_000.0);
+    /// Maximum horizontal position error. A line that exceeds it is rejected, as neither the linear error model nor the
+    /// map applies there.
     error_limit_m: f64, unit "m", default 1e6, rule Rule::Positive;
 }
 
@@ -77,13 +77,13 @@ pub struct InitialErrors {
     pub altitude_m: Option<f64>,
     /// North, east and down, in m/s.
     pub velocity_mps: Option<[f64; 3]>,
-    /// How the attitude of the INS is turned about north, east and down, in degrees.
+    /// Rotation of the INS attitude about north, east and down, in degrees.
     pub tilt_deg: Option<[f64; 3]>,
-    /// The accelerometers' biases x, y, z at first, in m/s².
+    /// Initial accelerometer biases x, y and z, in m/s².
     pub acc_bias_mps2: Option<[f64; 3]>,
-    /// The gyroscopes' biases x, y, z at first, in rad/s.
+    /// Initial gyroscope biases x, y and z, in rad/s.
     pub gyro_bias_radps: Option<[f64; 3]>,
-    /// The barometer's error at first, up, in metres.
+    /// Initial error of the barometric height, up, in metres.
     pub baro_m: Option<f64>,
 }
 
@@ -92,19 +92,19 @@ pub struct InitialErrors {
 pub struct Ins {
     /// The error sources.
     pub model: InsErrorModel,
-    /// When it is aligned.
+    /// Time of alignment.
     pub align: Align,
-    /// What carries its errors along.
+    /// Propagation of the errors.
     pub method: Method,
-    /// Initial errors that are given.
+    /// Initial errors that the spec gives.
     pub initial: InitialErrors,
     /// Standard deviations of the scale errors of accelerometers and gyroscopes, in parts per million.
     pub scale_ppm: [f64; 2],
-    /// How many realisations are drawn.
+    /// Number of realisations that are drawn.
     pub ensemble: usize,
-    /// The rank of the one flown by its DRMS, the largest being 1.
+    /// Rank of the realisation that is flown, by DRMS; rank 1 has the largest.
     pub take: usize,
-    /// The largest position error that is simulated, in metres.
+    /// Maximum horizontal position error, in metres.
     pub error_limit_m: f64,
 }
 
@@ -123,14 +123,14 @@ impl Default for Ins {
     }
 }
 
-/// The INS; its temporal variation is the spec's own `diurnal`.
+/// The INS. Its temporal variation is the table `diurnal` of the spec.
 pub(in super::super) fn ins(root: &Section) -> Ins {
     let Some(s) = root.section("ins") else { return Ins::default() };
-    // The grade decides what the error sources are where they are left out.
+    // The grade sets the error sources that are unset.
     let base = |keys: Keys| Keys { errors: keys.grade.errors(), ..keys };
     let Some(graded) = s.group::<Keys>(None) else { return Ins::default() };
     let Some(keys) = s.group(Some(&base(graded))) else { return Ins::default() };
-    // The tenth largest of a hundred, as thesis 001 has it.
+    // The tenth largest of a hundred, as in Lee 2019.
     let take = keys.take.unwrap_or(keys.ensemble.div_ceil(10));
     if take > keys.ensemble {
         s.fault_at("take", format!("`take` of `ins` must be at most `ensemble`, {}", keys.ensemble));
@@ -139,7 +139,7 @@ pub(in super::super) fn ins(root: &Section) -> Ins {
     if keys.method == Method::ErrorModel {
         for (key, ppm) in ["acc_scale_ppm", "gyro_scale_ppm"].into_iter().zip(scale_ppm) {
             if ppm > 0.0 {
-                let what = "needs method = \"mechanisation\": the error model has no scale errors";
+                let what = "needs `method = \"mechanisation\"`: the error model has no scale errors";
                 s.fault_at(key, format!("`{key}` of `ins` {what}"));
             }
         }
@@ -165,8 +165,8 @@ pub(in super::super) fn ins(root: &Section) -> Ins {
 }
 
 impl InitialErrors {
-    /// Puts what is given in the place of what was drawn, as error states (truth minus INS), at a
-    /// latitude (rad) and altitude (m).
+    /// Replaces drawn errors by the given ones, as error states (truth minus INS), at a latitude (rad) and
+    /// altitude (m).
     pub(super) fn replace(&self, error: &mut StateVector, model: &InsErrorModel, lat_rad: f64, alt_m: f64) {
         let mut put = |first: usize, values: Option<&[f64]>, factor: f64| {
             for (state, value) in (first..STATES).zip(values.unwrap_or_default()) {

@@ -42,7 +42,7 @@ fn read(before: &str, ins: &str) -> Result<Spec, ReadError> {
     Spec::read(&path)
 }
 
-/// What the truth and the INS are along the lines of the flight.
+/// The truth and the INS along the lines of the flight.
 struct Said {
     truth: Trajectory,
     ins: [Vec<f64>; 13],
@@ -242,7 +242,7 @@ fn gold_faults_of_the_ins_are_told_with_their_place() {
         "`grade` cannot be `navigatoin`",
         "did you mean `navigation`?",
         "`take` of `ins` must be at most `ensemble`, 10",
-        "`gyro_scale_ppm` of `ins` needs method = \"mechanisation\"",
+        "`gyro_scale_ppm` of `ins` needs `method = \"mechanisation\"`",
         "`init_tilt_error_deg` of `ins` must be a list of 3 numbers",
         "`ins` has no parameter `algin`",
         "did you mean `align`?",

@@ -1,4 +1,4 @@
-//! What of the simulation is switched on.
+//! The components of the simulation that are switched on.
 
 use super::section::Section;
 
@@ -53,14 +53,14 @@ pub const COMPONENTS: &[&str] = &[
     "channel_stuck",
 ];
 
-/// Which components are off; all others are on.
+/// The components that are off; all others are on.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Components {
     off: Vec<&'static str>,
 }
 
 impl Components {
-    /// Reads the table `components`, whose keys are names of components and whose values say whether they are on.
+    /// Reads the table `components`, whose keys are names of components and whose values switch them on or off.
     pub(crate) fn read(root: &Section) -> Components {
         let Some(s) = root.section("components") else { return Components::default() };
         let off = COMPONENTS.iter().copied().filter(|name| !s.flag(name, true)).collect();

@@ -1,4 +1,4 @@
-//! How the tables of a synth spec are read: sections with their places, presets, what is switched off.
+//! Reading of the tables of a synth spec: sections with their places, presets, components that are off.
 
 pub use components::{COMPONENTS, Components};
 pub use preset::PRESETS;

@@ -1,9 +1,9 @@
-//! Presets: platforms whose sensors and sources are known, on which a spec builds.
+//! Presets: platforms with known sensors and sources that a spec can start from.
 //!
-//! `preset = "cessna"` at the top of a spec puts the preset's keys below its own. Where both have a key the spec's
-//! wins; tables are merged key by key, and lists of tables whose entries have a `name` entry by entry, so that
-//! `[[magnetometers]]` of the name `mag_4_uc` with `noise_nt` changes that alone. An entry that gives another `kind`
-//! replaces the preset's. `without = ["mag_5_uc"]` leaves out entries of these names.
+//! `preset = "cessna"` at the top of a spec adds the preset's keys. A key of the spec overrides the preset's. Tables
+//! are merged key by key, and lists of tables with a `name` entry by entry: `[[magnetometers]]` with the name
+//! `mag_4_uc` and `noise_nt` changes only that noise. An entry of another `kind` replaces the preset's.
+//! `without = ["mag_5_uc"]` removes entries by name.
 
 use std::ops::Range;
 
@@ -18,8 +18,8 @@ use super::section::Faults;
 const CESSNA: &str = include_str!("../../presets/cessna.toml");
 const DRONE: &str = include_str!("../../presets/drone.toml");
 
-/// The presets by name, each of one or more TOML files of a spec without map and flights. A later file is put on top of
-/// those before it, as a spec is on top of its preset; but what it lists without names, such as wires, is added.
+/// The presets by name, each of one or more TOML files of a spec without map and flights. A later file overrides the
+/// earlier ones, as a spec overrides its preset; but lists without names, such as wires, are appended.
 pub const PRESETS: &[(&str, &[&str])] = &[
     ("cessna", &[CESSNA]),
     ("cessna_real", &[CESSNA, include_str!("../../presets/cessna_real.toml")]),
@@ -27,7 +27,7 @@ pub const PRESETS: &[(&str, &[&str])] = &[
     ("drone_real", &[DRONE, include_str!("../../presets/drone_real.toml")]),
 ];
 
-/// Two ways to say one thing: who says it one way takes back the other.
+/// Alternative keys for one quantity: a key that is given removes the other one.
 const EITHER: [[&str; 2]; 5] = [
     ["permanent", "permanent_nt"],
     ["induced", "induced_nt"],
@@ -36,22 +36,22 @@ const EITHER: [[&str; 2]; 5] = [
     ["hysteresis", "hysteresis_nt"],
 ];
 
-/// What becomes of a list whose entries have no names where both tables have one.
+/// Merging of lists without names that both tables have.
 #[derive(Clone, Copy)]
 enum Unnamed {
-    /// The upper one stands.
+    /// The upper list replaces the lower one.
     Replace,
-    /// The upper one's entries follow the lower one's.
+    /// The entries of the upper list follow those of the lower one.
     Append,
 }
 
-/// Puts the preset that the spec `root` names, if it names one, below it. What is wrong with what comes from the
-/// preset is told where the spec names it.
+/// Adds the preset that the spec `root` names, if any. Faults in the preset's values are reported at its name in the
+/// spec.
 pub(crate) fn applied<'a>(mut root: DeTable<'a>, faults: &Faults) -> DeTable<'a> {
     let without = root.remove("without").map(|value| left_out(&value, faults)).unwrap_or_default();
     let Some(named) = root.remove("preset") else {
         if let Some((_, at)) = without.first() {
-            faults.borrow_mut().push(Fault::new("`without` leaves out of a preset, and there is none").at(at.clone()));
+            faults.borrow_mut().push(Fault::new("`without` removes entries of a preset; set `preset`").at(at.clone()));
         }
         return root;
     };
@@ -104,7 +104,7 @@ fn entries(table: &DeTable) -> Vec<String> {
     lists.flat_map(|list| list.iter().filter_map(name_of)).map(str::to_owned).collect()
 }
 
-/// Leaves out the entries called `name`, the wires of that current and what else refers to it.
+/// Removes the entries named `name`, the wires of that current and all other references to it.
 fn leave_out(table: &mut DeTable, name: &str) -> bool {
     let is = |value: &Spanned<DeValue>, key: &str| {
         let found = value.get_ref().as_table().and_then(|t| t.get(key));

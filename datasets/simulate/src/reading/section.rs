@@ -1,5 +1,5 @@
-//! Reads one table of a spec: every value with its type and rule, every unknown key found, all faults
-//! kept so that they are reported at once.
+//! Reads one table of a spec: checks the type and rule of every value, finds unknown keys, and collects all faults
+//! so that they are reported together.
 
 use std::{cell::RefCell, ops::Range, rc::Rc};
 
@@ -57,7 +57,7 @@ impl<'a> Section<'a> {
         Section::new(self.name, &own, self.span.clone(), &self.faults).group(None)
     }
 
-    /// Refuses the keys of other kinds than the one that was chosen.
+    /// Rejects keys of kinds other than the chosen one.
     pub(crate) fn refuse_foreign<K: Kind>(&self, chosen: &Chosen<K>) {
         for key in self.table.keys() {
             if let Some(fault) = chosen.foreign(key.get_ref()) {
@@ -73,12 +73,12 @@ impl<'a> Section<'a> {
         key.map_or(self.span.clone(), Spanned::span)
     }
 
-    /// Notes a fault about the whole table.
+    /// Records a fault of the whole table.
     pub(crate) fn fault(&self, what: String) {
         self.faults.borrow_mut().push(Fault::new(what).at(self.span.clone()));
     }
 
-    /// Notes a fault about the value of `key`.
+    /// Records a fault of the value of `key`.
     pub(crate) fn fault_at(&self, key: &'static str, what: String) {
         self.push_at(key, Fault::new(what));
     }
@@ -102,7 +102,7 @@ impl<'a> Section<'a> {
         })
     }
 
-    /// How many faults the spec has so far.
+    /// The number of faults of the spec found before.
     pub(crate) fn faults(&self) -> usize {
         self.faults.borrow().len()
     }
@@ -136,18 +136,18 @@ impl<'a> Section<'a> {
         list.iter().filter_map(one).collect()
     }
 
-    /// Notes a fault at the value of `key`.
+    /// Records a fault at the value of `key`.
     pub(crate) fn push_at(&self, key: &'static str, fault: Fault) {
         let at = self.get(key).map_or(self.span.clone(), Spanned::span);
         self.push(fault.at(at));
     }
 
-    /// Notes a fault at bytes of the spec.
+    /// Records a fault at bytes of the spec.
     pub(crate) fn push(&self, fault: Fault) {
         self.faults.borrow_mut().push(fault);
     }
 
-    /// Notes every key that nothing asked for, with the nearest that something did.
+    /// Records every unknown key, with the nearest known one.
     pub(crate) fn finish(&self) {
         let asked = self.asked.borrow();
         for key in self.table.keys().filter(|k| !asked.contains(&k.get_ref().as_ref())) {
@@ -160,12 +160,12 @@ impl<'a> Section<'a> {
     }
 }
 
-/// Notes two things of one name.
+/// Records duplicate names.
 pub(crate) fn unique(root: &Section, kind: &str, names: impl Iterator<Item = String>) {
     let names: Vec<String> = names.collect();
     for (i, name) in names.iter().enumerate() {
         if names.iter().take(i).any(|n| n == name) {
-            root.fault(format!("there are two of the {kind} `{name}`"));
+            root.fault(format!("the {kind} `{name}` is defined twice"));
         }
     }
 }

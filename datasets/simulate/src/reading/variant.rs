@@ -1,4 +1,4 @@
-//! Tables with a key that chooses the kind. Each kind has keys of its own as well as those of all kinds.
+//! Tables with a key that chooses the kind. Each kind has its own keys and the keys of all kinds.
 
 use std::sync::Arc;
 
@@ -8,7 +8,7 @@ use schemas::{Kind, Own, ParamDoc, Reader};
 pub struct Variant<T: 'static> {
     /// Its name in a spec.
     pub name: &'static str,
-    /// What it is: the lines of its documentation.
+    /// The lines of its documentation.
     pub doc: &'static [&'static str],
     /// Its own keys.
     pub docs: fn() -> Vec<ParamDoc>,
@@ -16,9 +16,9 @@ pub struct Variant<T: 'static> {
     pub read: fn(&mut Reader) -> Option<T>,
 }
 
-/// What is made of the keys of a kind.
+/// The value that the keys of a kind give.
 pub trait Varied: Send + Sync + Sized + 'static {
-    /// The kind that is meant where none is given.
+    /// The default kind.
     const DEFAULT: &'static str;
 }
 
@@ -43,8 +43,8 @@ impl<T: Varied> Kind for Variant<T> {
     }
 }
 
-/// Declares a [`Variant`]: its documentation, its name, the struct of its own keys as in `params!`, and what is made of
-/// them.
+/// Declares a [`Variant`]: its documentation, its name, the struct of its own keys as in `params!`, and the value made
+/// of them.
 macro_rules! variant {
     (
         $(#[doc = $d:literal])*

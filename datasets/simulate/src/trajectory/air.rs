@@ -12,22 +12,22 @@ pub(super) const GRAVITY_MPS2: f64 = 9.806_65;
 params! {
     /// The table `wind`: a horizontal wind that may change with height. Without it the air is still.
     pub struct Wind, all default;
-    /// Speed at the height `at_alt_m`.
+    /// Wind speed at the height `at_alt_m`.
     speed_mps: f64, unit "m/s", default 0.0, rule Rule::Between(0.0, 100.0);
-    /// Where it comes from there, clockwise from true north.
+    /// Direction that the wind blows from at the height `at_alt_m`, clockwise from true north.
     from_deg: f64, unit "deg", default 0.0, rule Rule::Between(-360.0, 360.0);
-    /// The height above the ellipsoid that speed and direction hold at.
+    /// Height above the WGS-84 ellipsoid at which `speed_mps` and `from_deg` apply.
     at_alt_m: f64, unit "m", default 0.0, rule Rule::Finite;
-    /// How much stronger it is for each kilometre higher; a wind that would blow backwards is none.
+    /// Change of the wind speed per km of height. The speed does not fall below 0.
     shear_mps_per_km: f64, unit "m/s", default 0.0, rule Rule::Between(-50.0, 50.0);
-    /// How much it turns clockwise for each kilometre higher.
+    /// Clockwise change of the wind direction per km of height.
     veer_deg_per_km: f64, unit "deg", default 0.0, rule Rule::Between(-180.0, 180.0);
 }
 
 impl Copy for Wind {}
 
 impl Wind {
-    /// The air's velocity where it is the same at all heights.
+    /// The air's velocity if it is the same at all heights.
     pub(super) fn same_mps(&self) -> Option<(f64, f64)> {
         match self.speed_mps == 0.0 && self.shear_mps_per_km == 0.0 {
             true => Some((0.0, 0.0)),
@@ -44,7 +44,7 @@ impl Wind {
     }
 }
 
-/// The table `turbulence`: the continuous random gusts of Dryden. Without it the air is smooth.
+/// The table `turbulence`: continuous random gusts after Dryden. Without it the air is smooth.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Turbulence {
     /// Wind 20 feet above the ground, in m/s.
@@ -125,24 +125,25 @@ fn high_ftps(h_ft: f64, w20_ftps: f64) -> f64 {
 const LEVEL_MPS: f64 = 15.0 * 1852.0 / 3600.0;
 
 params! {
-    /// The table `dynamics`: what the aircraft can, and how it answers gusts. The defaults are those of a light
-    /// survey aircraft.
+    /// The table `dynamics`: the performance of the aircraft and its response to gusts. The defaults are those of a
+    /// light survey aircraft.
     pub struct Dynamics, all default;
-    /// Steepest bank of a turn. Turns without a radius of their own are as tight as it allows downwind.
+    /// Maximum bank angle. A turn without a radius is as tight as this angle allows downwind.
     bank_deg: f64, unit "deg", default 25.0, rule Rule::Between(3.0, 70.0);
-    /// Fastest roll into and out of a turn.
+    /// Maximum roll rate into and out of a turn.
     roll_rate_degps: f64, unit "deg/s", default 10.0, rule Rule::Between(1.0, 180.0);
-    /// Fastest climb and descent.
+    /// Maximum rate of climb and descent.
     climb_mps: f64, unit "m/s", default 5.0, rule Rule::Between(0.1, 50.0);
-    /// Angle of attack in straight level flight at `cruise_mps`. It is in proportion to the load factor and to the inverse
-    /// square of the airspeed.
+    /// Angle of attack in straight level flight at `cruise_mps`. It is proportional to the load factor and inversely
+    /// proportional to the square of the airspeed.
     trim_deg: f64, unit "deg", default 2.0, rule Rule::Between(-5.0, 15.0);
-    /// Airspeed that the trim holds at.
-    cruise_mps: Option<f64>, unit "m/s", default None, absent "that of each line", rule Rule::Between(1.0, 1000.0);
-    /// How slowly the airframe answers gusts: its time constants in units of those of a light survey aircraft (roll 0.4 s,
-    /// heave 1 s, pitch oscillation 2.1 s, yaw oscillation 3.1 s); about 0.3 for a small drone.
+    /// Airspeed at which `trim_deg` applies.
+    cruise_mps: Option<f64>, unit "m/s", default None, absent "the line's `speed_mps`", rule Rule::Between(1.0, 1000.0);
+    /// Time constants of the airframe's response to gusts, relative to a light survey aircraft. Those are 0.4 s in
+    /// roll, 1 s in heave, 2.1 s in the pitch oscillation and 3.1 s in the yaw oscillation. A small drone has
+    /// about 0.3.
     response_s: f64, unit "s", default 1.0, rule Rule::Between(0.05, 5.0);
-    /// Wing span, over which gusts roll the aircraft.
+    /// Wing span. It determines how strongly gusts roll the aircraft.
     span_m: f64, unit "m", default 11.0, rule Rule::Between(0.3, 100.0);
 }
 
@@ -179,9 +180,9 @@ pub struct Air {
 }
 
 choice! {
-    /// How strong turbulence is, by the wind 20 feet above the ground.
+    /// Intensity of the turbulence, by the wind 20 feet above the ground.
     pub enum Level {
-        /// None.
+        /// No turbulence.
         None = "none",
         /// 15 knots.
         Light = "light",
@@ -205,13 +206,13 @@ impl Level {
 }
 
 params! {
-    /// The table `turbulence`: the continuous random gusts of Dryden (MIL-F-8785C). Without it the air is smooth.
+    /// The table `turbulence`: continuous random gusts after Dryden (MIL-F-8785C). Without it the air is smooth.
     pub struct TurbulenceKeys, all default;
-    /// How strong it is.
+    /// Intensity of the turbulence.
     level: Level, unit "", default Level::None;
-    /// Wind 20 feet above the ground, in place of `level`.
-    wind_20ft_mps: Option<f64>, unit "m/s", default None, absent "that of `level`", rule Rule::Between(0.0, 40.0);
-    /// Height of the ground above the ellipsoid.
+    /// Wind speed 20 feet above the ground. It replaces `level`.
+    wind_20ft_mps: Option<f64>, unit "m/s", default None, absent "set by `level`", rule Rule::Between(0.0, 40.0);
+    /// Height of the ground above the WGS-84 ellipsoid.
     ground_m: f64, unit "m", default 0.0, rule Rule::Finite;
 }
 

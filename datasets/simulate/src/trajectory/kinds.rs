@@ -11,107 +11,107 @@ use super::{
 /// The horizontal path of a line.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Path2d {
-    /// `survey`: from waypoint to waypoint, and repeated until the end of the duration.
+    /// `survey`: from waypoint to waypoint, repeated until the end of the duration.
     Survey {
         /// `waypoints`: latitude and longitude, in degrees; two or more.
         waypoints: Vec<(f64, f64)>,
-        /// `duration_s`: how long, in seconds; 1 to 100 000.
+        /// `duration_s`: duration, in seconds; 1 to 100 000.
         duration_s: f64,
-        /// `weave_deg` and `weave_period_s`: amplitude (degrees, 0 to 45; 0 where left out) and period (s; 120
-        /// where left out) of the course's swing about each leg.
+        /// `weave_deg` and `weave_period_s`: amplitude (degrees, 0 to 45, default 0) and period (s, default 120) of a
+        /// periodic change of the course about each leg.
         weave_deg_s: (f64, f64),
     },
-    /// `free`: the waypoints once, to the last one.
+    /// `free`: the waypoints once.
     Free {
         /// `waypoints`: latitude and longitude, in degrees; two or more.
         waypoints: Vec<(f64, f64)>,
     },
     /// `box`: legs along the sides of a square, each with a pitch, a roll and a yaw manoeuvre.
     Box {
-        /// `start`: where it begins, latitude and longitude in degrees.
+        /// `start`: position of the start, latitude and longitude in degrees.
         start: (f64, f64),
-        /// `heading_deg`: the first course; the others follow to the right; 0 where left out.
+        /// `heading_deg`: the first course, default 0; turns are to the right.
         heading_deg: f64,
-        /// `amplitude_deg`: amplitudes of roll, pitch and yaw, in degrees, 0 to 40; an angle of 0 has no manoeuvre;
-        /// [9, 4.5, 5] where left out [thesis 000, figure 3-7].
+        /// `amplitude_deg`: amplitudes of roll, pitch and yaw, in degrees, 0 to 40, default [9, 4.5, 5]; an amplitude
+        /// of 0 omits the manoeuvre [Gnadt 2022, figure 3-7].
         amplitude_deg: [f64; 3],
-        /// `period_s`: period of a manoeuvre, in seconds; 1 to 60, 6 where left out.
+        /// `period_s`: period of a manoeuvre, in seconds; 1 to 60, default 6.
         period_s: f64,
-        /// `cycles`: periods per manoeuvre; 1 to 100, 3 where left out.
+        /// `cycles`: periods per manoeuvre; 1 to 100, default 3.
         cycles: u32,
-        /// `legs`: sides flown; 1 to 64, 4 where left out.
+        /// `legs`: number of legs; 1 to 64, default 4.
         legs: u32,
     },
     /// `grid`, with `split = false`: survey lines in alternating directions and the tie lines across them, as one line.
     Grid(Grid),
     /// `grid`: one survey line or tie line of a grid.
     Traverse {
-        /// Where it begins.
+        /// Its start.
         start: (f64, f64),
         /// Its course there, in degrees.
         heading_deg: f64,
         /// Its length, in metres.
         length_m: f64,
     },
-    /// `circle`: round a centre.
+    /// `circle`: around a centre.
     Circle {
         /// The circle.
         orbit: Orbit,
-        /// `turns`: how often; 0.01 to 1000, 1 where left out.
+        /// `turns`: number of turns; 0.01 to 1000, default 1.
         turns: f64,
     },
-    /// `looping`: round a centre while climbing, and again while descending.
+    /// `looping`: around a centre while climbing, then while descending.
     Looping {
         /// The circle.
         orbit: Orbit,
-        /// `turns`: orbits up, and as many down; 0.1 to 100, 1 where left out.
+        /// `turns`: number of turns during the climb and during the descent; 0.1 to 100, default 1.
         turns: f64,
-        /// `rounds`: how often up and down; 1 to 100, 1 where left out.
+        /// `rounds`: number of climbs, each followed by a descent; 1 to 100, default 1.
         rounds: u32,
-        /// `top_m`: height at the top, in metres above the ellipsoid.
+        /// `top_m`: maximum height, in metres above the ellipsoid.
         top_m: f64,
     },
     /// `loiter`: a racetrack of two straights and two half circles.
     Loiter {
-        /// `start`, `heading_deg`: where the first straight begins, and its course.
+        /// `start`: start of the first straight, latitude and longitude in degrees.
         start: (f64, f64),
-        /// The course of the first straight, in degrees; 0 where left out.
+        /// `heading_deg`: course of the first straight, in degrees; default 0.
         heading_deg: f64,
-        /// `leg_m`: length of a straight, in metres; 0 or more, 2000 where left out.
+        /// `leg_m`: length of a straight, in metres; 0 or more, default 2000.
         leg_m: f64,
-        /// `rounds`: how often; 1 to 1000, 1 where left out.
+        /// `rounds`: number of rounds; 1 to 1000, default 1.
         rounds: u32,
         /// `direction`: `right` or `left`.
         right: bool,
     },
     /// `figure_eight`: two loops that cross at a right angle, one to the right and one to the left.
     FigureEight {
-        /// `center`: where the legs cross, latitude and longitude in degrees.
+        /// `center`: position of the crossing, latitude and longitude in degrees.
         center: (f64, f64),
-        /// `heading_deg`: course of the first crossing; 0 where left out.
+        /// `heading_deg`: course of the first crossing; default 0.
         heading_deg: f64,
-        /// `rounds`: how often; 1 to 1000, 1 where left out.
+        /// `rounds`: number of rounds; 1 to 1000, default 1.
         rounds: u32,
     },
-    /// `cloverleaf`: over one centre on four courses, a right angle apart.
+    /// `cloverleaf`: crossings of one centre on four courses, a right angle apart.
     Cloverleaf {
         /// `center`: the centre, latitude and longitude in degrees.
         center: (f64, f64),
-        /// `heading_deg`: course of the first crossing; 0 where left out.
+        /// `heading_deg`: course of the first crossing; default 0.
         heading_deg: f64,
-        /// `crossings`: the number of crossings; 1 to 1000, 4 where left out.
+        /// `crossings`: number of crossings; 1 to 1000, default 4.
         crossings: u32,
-        /// `direction`: of the loops; `right` or `left`.
+        /// `direction` of the loops: `right` or `left`.
         right: bool,
     },
 }
 
-/// A circle round a centre.
+/// A circle around a centre.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Orbit {
     /// `center`: latitude and longitude in degrees.
     pub center: (f64, f64),
-    /// `from_deg`: azimuth from the centre of where it begins, in degrees; 0 where left out.
+    /// `from_deg`: azimuth of the start seen from the centre, in degrees; default 0.
     pub from_deg: f64,
     /// `direction`: `right` (clockwise) or `left`.
     pub right: bool,
@@ -120,20 +120,20 @@ pub struct Orbit {
 /// Survey lines and tie lines.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Grid {
-    /// `origin`: where the first line begins, latitude and longitude in degrees.
+    /// `origin`: start of the first line, latitude and longitude in degrees.
     pub origin: (f64, f64),
-    /// `heading_deg`: course of the first line; 0 where left out. Every other line is flown the other way.
+    /// `heading_deg`: course of the first line; default 0. Lines alternate in direction.
     pub heading_deg: f64,
     /// `line_m`: length of a line, in metres; 1 to 1 000 000.
     pub line_m: f64,
-    /// `spacing_m`: from line to line, in metres; 0.1 to 100 000.
+    /// `spacing_m`: distance between adjacent lines, in metres; 0.1 to 100 000.
     pub spacing_m: f64,
-    /// `count`: lines; 1 to 10 000.
+    /// `count`: number of lines; 1 to 10 000.
     pub count: u32,
-    /// `tie_spacing_m`: from tie line to tie line, in metres; no tie lines where left out. As many as have room,
-    /// in the middle of the lines.
+    /// `tie_spacing_m`: distance between adjacent tie lines, in metres; no tie lines by default. As many as fit are
+    /// centred on the lines.
     pub tie_spacing_m: Option<f64>,
-    /// `side`: on which side of the first line the others lie, `right` or `left`.
+    /// `side` of the first line on which the others lie, `right` or `left`.
     pub right: bool,
 }
 
@@ -180,7 +180,7 @@ impl Grid {
 /// A route over the ground, and marks at distances along it.
 pub(super) struct Way {
     pub(super) route: Route,
-    /// Where each waypoint is passed, or each leg, line or round begins.
+    /// Distance at which each waypoint is passed, or each leg, line or round begins.
     pub(super) marks_m: Vec<f64>,
 }
 
@@ -241,7 +241,7 @@ pub(super) fn waypoints(
 
 fn short(from: usize, length_m: f64, least_m: f64) -> Impossible {
     let what = format!(
-        "the leg after waypoint {from} has {length_m:.0} m left, but its turn needs {least_m:.0} m: move the waypoints \
+        "the leg after waypoint {from} has only {length_m:.0} m for a turn of {least_m:.0} m: move the waypoints \
          apart, fly slower or bank more steeply (`bank_deg` of `dynamics`)"
     );
     Impossible::new("waypoints", what)
@@ -251,7 +251,7 @@ fn geodesic(from: (f64, f64), to: (f64, f64)) -> Result<Geodesic, Impossible> {
     let found = Geodesic::between(from, to).filter(|way| way.length_m > 0.0);
     found.ok_or_else(|| {
         let what = format!("there is no route from {:.5}, {:.5} to {:.5}, {:.5}", from.0, from.1, to.0, to.1);
-        Impossible::new("waypoints", what + ": two successive waypoints are equal, or opposite on the earth")
+        Impossible::new("waypoints", what + ": consecutive waypoints must be neither equal nor antipodal")
     })
 }
 
@@ -275,7 +275,7 @@ fn turn_towards(route: &mut Route, mut angle: f64, to: (f64, f64)) -> Result<(),
     Err(least_m)
 }
 
-/// The survey lines and tie lines of a grid with the turns between them; the marks are where lines begin.
+/// The survey lines and tie lines of a grid with the turns between them; the marks are the starts of lines.
 ///
 /// # Errors
 /// Fails for lines that no turns can join.
@@ -323,7 +323,7 @@ pub(super) fn racetrack(mut route: Route, leg_m: f64, rounds: u32, right: bool) 
     Way { route, marks_m }
 }
 
-/// Crossings of one centre a right angle apart, joined by loops; `right` says which way each loop turns. The
+/// Crossings of one centre a right angle apart, joined by loops; `right` gives the direction of each loop. The
 /// marks are the crossings. The route begins before the first by the length of [`lead_m`], and ends where
 /// the last loop does, or once `again` over the centre.
 pub(super) fn crossings(mut route: Route, loops: &[bool], again: bool) -> Way {
@@ -340,7 +340,7 @@ pub(super) fn crossings(mut route: Route, loops: &[bool], again: bool) -> Way {
     Way { route, marks_m }
 }
 
-/// From the crossing to the beginning of a loop, in metres.
+/// Distance from the crossing to the start of a loop, in metres.
 pub(super) fn lead_m(route: &Route) -> f64 {
     let angle = 1.5 * PI;
     -route.shape(angle).tangent_m(angle)

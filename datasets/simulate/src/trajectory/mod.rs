@@ -1,7 +1,7 @@
 //! True trajectories: a planned route over the ellipsoid, flown at an airspeed through a wind, with the attitude
 //! of such flight, with gusts and manoeuvres.
 //!
-//! Position and attitude are smooth curves through nodes a twentieth of a second apart, whatever the rate of
+//! Position and attitude are smooth curves through nodes 0.05 s apart, for every rate of
 //! the samples: the same flight at 10 Hz as at 250 Hz. Velocity, specific force and angular rates are
 //! the exact derivatives of these curves.
 //!

@@ -15,7 +15,7 @@ use super::{
 
 /// Straight flight between the manoeuvres of a box, in seconds.
 const SETTLE_S: f64 = 5.0;
-/// Time in which a climb is begun or ended, half of it, in seconds.
+/// Half of the time in which a climb begins or ends, in seconds.
 const ROUNDING_S: f64 = 5.0;
 /// Longest steps of the clock, in metres.
 const CLOCK_STEP_M: f64 = 500.0;
@@ -27,10 +27,10 @@ const STRONGEST: f64 = 0.8;
 /// The heights of a line.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Heights {
-    /// `alts_m`: height at each waypoint, in metres above the ellipsoid; `alt_m` at all where left out.
+    /// `alts_m`: height at each waypoint, in metres above the ellipsoid; default `alt_m`.
     pub alts_m: Option<Vec<f64>>,
-    /// `drape`: whether the heights are a surface to stay above, with climbs that begin early enough; otherwise
-    /// they are flown exactly, and a climb that is too steep is a fault. `false` where left out.
+    /// `drape`: whether the heights are a surface to stay above, with climbs that begin early enough. Otherwise they
+    /// are flown exactly, and too steep a climb is a fault. Default `false`.
     pub drape: bool,
 }
 
@@ -72,11 +72,11 @@ pub(super) struct Plan {
     profile: Profile,
     airspeed_mps: f64,
     pub(super) air: Air,
-    /// The wind where it is the same at all heights: north and east, in m/s.
+    /// The wind if it is the same at all heights: north and east, in m/s.
     same_wind_mps: Option<(f64, f64)>,
     pub(super) duration_s: f64,
     manoeuvres: Vec<Manoeuvre>,
-    /// When the lines of a grid begin, in seconds.
+    /// Starts of the lines of a grid, in seconds.
     pub(super) marks_s: Vec<f64>,
 }
 
@@ -89,8 +89,8 @@ impl Plan {
         let fastest_mps = fastest_mps(request)?;
         let way = way(request, fastest_mps)?;
         if way.route.highest_lat_rad.to_degrees() >= HIGHEST_DEG {
-            let what = "the line comes within a degree of a pole, where courses are not defined".to_owned();
-            return Err(Impossible::new("kind", what + ": fly elsewhere"));
+            let what = "the line comes within a degree of a pole, where courses are undefined".to_owned();
+            return Err(Impossible::new("kind", what + ": move the waypoints away from the pole"));
         }
         let profile = profile(request, &way, fastest_mps)?;
         let mut plan = Plan {
@@ -122,7 +122,7 @@ impl Plan {
         self.same_wind_mps.unwrap_or_else(|| self.air.wind.at(alt_m))
     }
 
-    /// Speed over ground, in m/s: such that the airspeed is that of the line.
+    /// Speed over ground at the line's airspeed, in m/s.
     fn ground_mps(&self, course_rad: f64, alt_m: f64, slope: f64) -> f64 {
         let (north, east) = self.wind_mps(alt_m);
         let v2 = self.airspeed_mps * self.airspeed_mps;
@@ -345,7 +345,7 @@ fn too_steep(e: &TooSteep, request: &Request, fastest_mps: f64, key: &'static st
     let way_out = if key == "alts_m" {
         ": move the waypoints apart, raise `climb_mps`, or set `drape = true` to begin climbs early enough"
     } else {
-        ": make more `turns` or raise `climb_mps`"
+        ": raise `turns` or `climb_mps`"
     };
     let what = format!(
         "the climb after height {} is {climb:.1} m/s at {fastest_mps:.1} m/s over ground, steeper than `climb_mps` of \
@@ -355,7 +355,7 @@ fn too_steep(e: &TooSteep, request: &Request, fastest_mps: f64, key: &'static st
     Impossible::new(key, what)
 }
 
-/// On each leg a pitch, a roll and a yaw manoeuvre, in this order.
+/// A pitch, a roll and a yaw manoeuvre on each leg, in this order.
 fn manoeuvres(legs_s: &[f64], amplitude_deg: [f64; 3], period_s: f64, cycles: u32) -> Vec<Manoeuvre> {
     const ORDER: [usize; 3] = [1, 0, 2];
     let length_s = period_s * f64::from(cycles);

@@ -12,7 +12,7 @@ pub(super) struct Profile {
 /// A climb steeper than the aircraft allows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct TooSteep {
-    /// The first of the knots that it is between.
+    /// Index of the knot at its start.
     pub(super) knot: usize,
     /// Its slope, height over distance.
     pub(super) slope: f64,

@@ -113,7 +113,7 @@ impl Turn {
     }
 }
 
-/// Why a route cannot be flown, and the key of the spec that requires it.
+/// Reason that a route cannot be flown, and the key of the spec that causes it.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Impossible {
     pub(super) key: &'static str,
@@ -155,7 +155,7 @@ impl Route {
             let (most, least) = (dynamics.bank_deg, dynamics.tightest_m(fastest_mps).ceil());
             let what = format!(
                 "a turn of {radius} m at {fastest_mps:.1} m/s over ground needs a bank of {bank_deg:.0} degrees, more \
-                 than `bank_deg` of `dynamics`, {most}: make the radius {least} m or more"
+                 than `bank_deg` of `dynamics`, {most}: raise `radius_m` to at least {least} m"
             );
             return Err(Impossible::new("radius_m", what));
         }
@@ -218,7 +218,7 @@ impl Route {
     /// # Errors
     /// Fails for a position that no such path reaches; no case is known.
     pub(super) fn join(&mut self, to: &Place) -> Result<(), Impossible> {
-        let lost = || Impossible::new("spacing_m", "there is no route from a line to the next".to_owned());
+        let lost = || Impossible::new("spacing_m", "no turn connects a line to the next".to_owned());
         let way = Geodesic::between(self.end.degrees(), to.degrees()).ok_or_else(lost)?;
         let bearing = way.leaves_rad - self.end.course_rad;
         let target = (way.length_m * bearing.cos(), way.length_m * bearing.sin());

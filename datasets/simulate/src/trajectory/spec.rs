@@ -1,4 +1,4 @@
-//! What the spec says of the flights: their lines, where these go, and how.
+//! Keys of the flights and their lines in a synth spec.
 
 use schemas::{Chosen, Lists, Rule, choice, params};
 
@@ -19,7 +19,7 @@ use super::{
 pub struct Flight {
     /// Its identifier.
     pub name: String,
-    /// Its lines, in time: the tables `flights.lines`, of which some are several lines.
+    /// Its lines in the order of time, from the tables `flights.lines`. One table can give several lines.
     pub lines: Vec<Line>,
 }
 
@@ -28,20 +28,20 @@ pub struct Flight {
 pub struct Line {
     /// Its identifier.
     pub name: String,
-    /// When it begins, in seconds past midnight UTC; a minute after the end of the line before it
-    /// where left out, the flight's `start_tt_s` for the first.
+    /// Start, in seconds past midnight UTC. If unset, 60 s after the end of the previous line; for the first line, the
+    /// flight's `start_tt_s`.
     pub start_tt_s: f64,
     /// Height above the WGS-84 ellipsoid, in metres.
     pub alt_m: f64,
-    /// Airspeed, in m/s, which without wind is the speed over ground; 1 to 1000, 60 where left out.
+    /// Airspeed, in m/s, equal to the speed over ground without wind; 1 to 1000, default 60.
     pub speed_mps: f64,
-    /// Of its turns and circles, in metres; as tight as `bank_deg` of `dynamics` allows where left out.
+    /// Radius of turns and circles, in metres. If unset, the smallest that `bank_deg` of `dynamics` allows.
     pub radius_m: Option<f64>,
-    /// Its heights, where it has more than one.
+    /// Its heights, if there are several.
     pub heights: Heights,
-    /// `kind` and its keys: where it goes.
+    /// `kind` and its keys: the path of the line.
     pub path: Path2d,
-    /// How it is flown.
+    /// The plan of the flown line.
     pub(super) plan: Plan,
 }
 
@@ -58,10 +58,10 @@ pub(in super::super) fn flights(root: &Section, air: &Air) -> Vec<Flight> {
     flights
 }
 
-/// Seconds from the end of a line to the start of the next, where the spec does not say.
+/// Default time from the end of a line to the start of the next, in s.
 const PAUSE_S: f64 = 60.0;
 
-/// A flight as often as it is flown.
+/// The copies of a flight.
 fn copies_of(s: &Section, air: &Air) -> Vec<Flight> {
     let Some(keys) = s.some_keys::<FlightKeys>() else { return vec![] };
     let name = keys.name.clone();
@@ -78,7 +78,7 @@ fn flight(s: &Section, keys: FlightKeys, air: &Air) -> Flight {
     for one in s.sections("lines") {
         let found = self::lines(&one, next_s, air);
         if found.first().is_some_and(|line| line.start_tt_s < next_s - PAUSE_S) {
-            one.fault_at("start_tt_s", "the line starts before the one before it ends".to_owned());
+            one.fault_at("start_tt_s", "the line starts before the previous line ends".to_owned());
         }
         if let Some(last) = found.last() {
             next_s = last.start_tt_s + last.duration_s() + PAUSE_S;
@@ -89,7 +89,7 @@ fn flight(s: &Section, keys: FlightKeys, air: &Air) -> Flight {
     Flight { name: keys.name, lines }
 }
 
-/// Where a line goes: its kind, with the keys of that.
+/// The path of a line: its kind, with the keys of that kind.
 #[derive(Clone, Debug)]
 pub enum Way {
     /// See [`SURVEY`].
@@ -129,181 +129,184 @@ choice! {
 params! {
     /// Waypoints and their heights.
     pub struct WaypointKeys;
-    /// Two or more of [latitude, longitude].
+    /// Two or more positions [latitude, longitude].
     waypoints: Vec<[f64; 2]>, unit "deg", rule Rule::Between(-360.0, 360.0);
-    /// A height for each waypoint, in place of `alt_m`.
+    /// Height above the WGS-84 ellipsoid at each waypoint. It replaces `alt_m`.
     alts_m: Option<Vec<f64>>, unit "m", absent "`alt_m` everywhere", rule Rule::Between(-1000.0, 30_000.0);
-    /// Whether `alts_m` are those of a surface that is followed as far as the aircraft can climb.
+    /// Treats `alts_m` as a surface to stay above. Climbs begin early enough for `climb_mps` of `dynamics`. If false,
+    /// the heights are flown exactly.
     drape: bool, unit "", default false;
 }
 
 params! {
-    /// A circle and where it begins.
+    /// A circle and its start.
     pub struct OrbitKeys;
-    /// The middle, [latitude, longitude].
+    /// Centre, [latitude, longitude].
     center: [f64; 2], unit "deg", rule Rule::Between(-360.0, 360.0);
-    /// Where it begins, seen from the middle.
+    /// Azimuth of the start seen from the centre, clockwise from true north.
     from_deg: f64, unit "deg", default 0.0, rule Rule::Between(-360.0, 360.0);
-    /// Which way it turns.
+    /// Direction of the turns.
     direction: Side, unit "", default Side::Right;
 }
 
 variant! {
-    /// From waypoint to waypoint, and round again until the time is up.
+    /// Flies from waypoint to waypoint, and repeats the route until `duration_s` has passed.
     SURVEY: Way = "survey", |keys| Way::Survey(keys);
     struct SurveyKeys, groups [route: WaypointKeys];
-    /// How long.
+    /// Duration of the line.
     duration_s: f64, unit "s", rule Rule::Between(1.0, 1e5);
-    /// Amplitude of the course's swing about each leg.
+    /// Amplitude of a periodic change of the course about each leg.
     weave_deg: f64, unit "deg", default 0.0, rule Rule::Between(0.0, 45.0);
-    /// Period of that.
+    /// Period of that change.
     weave_period_s: f64, unit "s", default 120.0, rule Rule::Positive;
 }
 
 variant! {
-    /// The waypoints once, to the last one.
+    /// Flies the waypoints once.
     FREE: Way = "free", |keys| Way::Free(keys);
     struct FreeKeys, groups [route: WaypointKeys];
 }
 
 variant! {
-    /// Legs along the sides of a square, on each a pitch, a roll and a yaw manoeuvre.
+    /// Flies the sides of a square, each with a pitch, a roll and a yaw manoeuvre.
     BOX: Way = "box", |keys| Way::Box(keys);
     struct BoxKeys;
-    /// Where it begins, [latitude, longitude].
+    /// Start, [latitude, longitude].
     start: [f64; 2], unit "deg", rule Rule::Between(-360.0, 360.0);
-    /// The first course; the others follow to the right.
+    /// Course of the first leg, clockwise from true north. Turns are to the right.
     heading_deg: f64, unit "deg", default 0.0, rule Rule::Between(-360.0, 360.0);
-    /// Amplitudes of roll, pitch and yaw; an angle of 0 has no manoeuvre (thesis 000, figure 3-7).
+    /// Amplitudes of roll, pitch and yaw. An amplitude of 0 omits the manoeuvre (Gnadt 2022, figure 3-7).
     amplitude_deg: [f64; 3], unit "deg", default [9.0, 4.5, 5.0], rule Rule::Between(0.0, 40.0);
     /// Period of a manoeuvre.
     period_s: f64, unit "s", default 6.0, rule Rule::Between(1.0, 60.0);
-    /// Periods to a manoeuvre.
+    /// Number of periods of a manoeuvre.
     cycles: usize, unit "", default 3usize, rule Rule::Between(1.0, 100.0);
-    /// Sides flown.
+    /// Number of legs.
     legs: usize, unit "", default 4usize, rule Rule::Between(1.0, 64.0);
-    /// First and last of the sets of thesis 000, table 5.7, one line each, in place of `amplitude_deg` and `cycles`.
-    sets: Option<[usize; 2]>, unit "", absent "one line, of `amplitude_deg` and `cycles`", rule Rule::Between(1.0, 18.0);
+    /// First and last set of manoeuvres of Gnadt 2022, table 5.7. Each set is one line. They replace `amplitude_deg`
+    /// and `cycles`.
+    sets: Option<[usize; 2]>, unit "", absent "`amplitude_deg` and `cycles`", rule Rule::Between(1.0, 18.0);
 }
 
 variant! {
-    /// Survey lines to and fro and the tie lines across them. With `split` each survey line is a line `NAME.01`,
-    /// `NAME.02`... and each tie line `NAME.T01`..., in the order and at the times that they are flown, the turns left out.
+    /// Flies survey lines in alternating directions, then tie lines across them. With `split`, the survey lines are
+    /// named `NAME.01`, `NAME.02`... and the tie lines `NAME.T01`... They keep their order and times; turns are
+    /// omitted.
     GRID: Way = "grid", |keys| Way::Grid(keys);
     struct GridKeys;
-    /// Where the first line begins, [latitude, longitude].
+    /// Start of the first line, [latitude, longitude].
     origin: [f64; 2], unit "deg", rule Rule::Between(-360.0, 360.0);
-    /// The course of the first line.
+    /// Course of the first line, clockwise from true north.
     heading_deg: f64, unit "deg", default 0.0, rule Rule::Between(-360.0, 360.0);
     /// Length of a line.
     line_m: f64, unit "m", rule Rule::Between(1.0, 1e6);
-    /// From line to line.
+    /// Distance between adjacent survey lines.
     spacing_m: f64, unit "m", rule Rule::Between(0.1, 1e5);
-    /// How many lines.
+    /// Number of survey lines.
     count: usize, unit "", default 1usize, rule Rule::Between(1.0, 10_000.0);
-    /// From tie line to tie line.
+    /// Distance between adjacent tie lines.
     tie_spacing_m: Option<f64>, unit "m", absent "no tie lines", rule Rule::Between(1.0, 1e6);
-    /// On which side of the first line the others are.
+    /// Side of the first line on which the others lie.
     side: Side, unit "", default Side::Right;
-    /// Whether each line is one by itself.
+    /// Splits the grid into separate lines. If false, the grid with its turns is one line.
     split: bool, unit "", default true;
 }
 
 variant! {
-    /// Round a position.
+    /// Circles a position.
     CIRCLE: Way = "circle", |keys| Way::Circle(keys);
     struct CircleKeys, groups [orbit: OrbitKeys];
-    /// How often.
+    /// Number of turns.
     turns: f64, unit "1", default 1.0, rule Rule::Between(0.01, 1000.0);
 }
 
 variant! {
-    /// Round a position while climbing, and again while descending.
+    /// Circles a position while climbing, then while descending.
     LOOPING: Way = "looping", |keys| Way::Looping(keys);
     struct LoopingKeys, groups [orbit: OrbitKeys];
-    /// Orbits up, and as many down.
+    /// Number of turns during the climb, and again during the descent.
     turns: f64, unit "1", default 1.0, rule Rule::Between(0.1, 100.0);
-    /// How often up and down.
+    /// Number of climbs, each followed by a descent.
     rounds: usize, unit "", default 1usize, rule Rule::Between(1.0, 100.0);
-    /// Height at the top above the ellipsoid.
+    /// Maximum height above the WGS-84 ellipsoid.
     top_m: f64, unit "m", rule Rule::Between(-1000.0, 30_000.0);
 }
 
 variant! {
-    /// A racetrack of two straights and two half circles.
+    /// Flies a racetrack of two straights and two half circles.
     LOITER: Way = "loiter", |keys| Way::Loiter(keys);
     struct LoiterKeys;
-    /// Where the first straight begins, [latitude, longitude].
+    /// Start of the first straight, [latitude, longitude].
     start: [f64; 2], unit "deg", rule Rule::Between(-360.0, 360.0);
-    /// The course of the first straight.
+    /// Course of the first straight, clockwise from true north.
     heading_deg: f64, unit "deg", default 0.0, rule Rule::Between(-360.0, 360.0);
     /// Length of a straight.
     leg_m: f64, unit "m", default 2000.0, rule Rule::Between(0.0, 1e6);
-    /// How often.
+    /// Number of rounds.
     rounds: usize, unit "", default 1usize, rule Rule::Between(1.0, 1000.0);
-    /// Which way it turns.
+    /// Direction of the turns.
     direction: Side, unit "", default Side::Right;
 }
 
 variant! {
-    /// Two loops that cross at a right angle, one to the right and one to the left.
+    /// Flies two loops that cross at a right angle, one to the right and one to the left.
     FIGURE_EIGHT: Way = "figure_eight", |keys| Way::FigureEight(keys);
     struct FigureEightKeys;
-    /// Where the legs cross, [latitude, longitude].
+    /// Position of the crossing, [latitude, longitude].
     center: [f64; 2], unit "deg", rule Rule::Between(-360.0, 360.0);
-    /// Course of the first crossing.
+    /// Course of the first crossing, clockwise from true north.
     heading_deg: f64, unit "deg", default 0.0, rule Rule::Between(-360.0, 360.0);
-    /// How often.
+    /// Number of rounds.
     rounds: usize, unit "", default 1usize, rule Rule::Between(1.0, 1000.0);
 }
 
 variant! {
-    /// Over one position on four courses, a right angle apart.
+    /// Crosses one position on four courses, a right angle apart.
     CLOVERLEAF: Way = "cloverleaf", |keys| Way::Cloverleaf(keys);
     struct CloverleafKeys;
-    /// The position, [latitude, longitude].
+    /// Position of the crossings, [latitude, longitude].
     center: [f64; 2], unit "deg", rule Rule::Between(-360.0, 360.0);
-    /// Course of the first crossing.
+    /// Course of the first crossing, clockwise from true north.
     heading_deg: f64, unit "deg", default 0.0, rule Rule::Between(-360.0, 360.0);
-    /// How often over it.
+    /// Number of crossings.
     crossings: usize, unit "", default 4usize, rule Rule::Between(1.0, 1000.0);
-    /// Which way it turns.
+    /// Direction of the turns.
     direction: Side, unit "", default Side::Right;
 }
 
-/// What a line can be.
+/// The kinds of lines.
 pub(in super::super) fn kinds() -> Lists {
     let all = vec![&SURVEY, &BOX, &FREE, &GRID, &CIRCLE, &LOOPING, &LOITER, &FIGURE_EIGHT, &CLOVERLEAF];
     Lists::default().with(all)
 }
 
 params! {
-    /// A table of `flights.lines`: a line, or several.
+    /// A table of `flights.lines`: one or more lines.
     pub struct LineKeys;
-    /// Its identifier.
+    /// Identifier of the line.
     name: String, unit "";
-    /// Where it goes.
+    /// Kind of the path.
     kind: Chosen<Variant<Way>>, unit "";
-    /// When it begins, in seconds past midnight UTC.
-    start_tt_s: Option<f64>, unit "s", absent "a minute after the end of the line before it; the flight's for the first", rule Rule::NotNegative;
+    /// Start of the line, in s past midnight UTC. The first line defaults to the flight's `start_tt_s`.
+    start_tt_s: Option<f64>, unit "s", absent "60 s after the end of the previous line", rule Rule::NotNegative;
     /// Height above the WGS-84 ellipsoid.
     alt_m: f64, unit "m", rule Rule::Between(-1000.0, 30_000.0);
-    /// Airspeed, which without wind is the speed over ground.
+    /// Airspeed. Without wind it equals the speed over ground.
     speed_mps: f64, unit "m/s", default 60.0, rule Rule::Between(1.0, 1000.0);
-    /// Radius of its turns and circles.
-    radius_m: Option<f64>, unit "m", absent "as tight as `bank_deg` of `dynamics` allows", rule Rule::Between(1.0, 1e6);
+    /// Radius of turns and circles.
+    radius_m: Option<f64>, unit "m", absent "minimum for `bank_deg` of `dynamics`", rule Rule::Between(1.0, 1e6);
 }
 
 params! {
-    /// A table of `flights`: a flight. Its lines are its tables `lines`.
+    /// A table of `flights`: a flight. Its tables `lines` hold the lines.
     pub struct FlightKeys;
-    /// Its identifier.
+    /// Identifier of the flight.
     name: String, unit "";
-    /// When its first line begins, in seconds past midnight UTC.
+    /// Start of the first line, in s past midnight UTC.
     start_tt_s: f64, unit "s", default 0.0, rule Rule::NotNegative;
-    /// How often it is flown, for a Monte Carlo study: the same plan and aircraft, and draws of its own for everything else.
-    /// The flights are called `<name>-1`, `<name>-2`, and so on.
-    copies: Option<usize>, unit "", absent "it is one flight, called `name`", rule Rule::Between(1.0, 10_000.0);
+    /// Number of flights of a Monte Carlo study. They share plan and aircraft; all other random draws are independent.
+    /// The flights are named `<name>-1`, `<name>-2`, and so on.
+    copies: Option<usize>, unit "", absent "one flight, named `name`", rule Rule::Between(1.0, 10_000.0);
 }
 
 /// The lines of one table.
@@ -316,7 +319,7 @@ fn lines(s: &Section, next_s: f64, air: &Air) -> Vec<Line> {
         start_tt_s: keys.start_tt_s.unwrap_or(next_s),
         alt_m: keys.alt_m,
         speed_mps: keys.speed_mps,
-        // The radius of survey lines and free flights is the aircraft's own, too.
+        // Survey lines and free flights have a radius too.
         radius_m: keys.radius_m,
         heights: Heights::default(),
         path: Path2d::Free { waypoints: vec![] },
@@ -367,7 +370,7 @@ fn lines(s: &Section, next_s: f64, air: &Air) -> Vec<Line> {
             right: keys.direction == Side::Right,
         }),
     };
-    // A line whose numbers are wrong is not flown, and is reported once.
+    // A line with invalid values is not flown and is reported once.
     if s.faults() > faults { found } else { planned(s, found, air) }
 }
 
@@ -413,15 +416,15 @@ fn waypoints(s: &Section, keys: &WaypointKeys) -> (Vec<(f64, f64)>, Heights) {
     (given.iter().map(|[lat, lon]| (*lat, *lon)).collect(), Heights { alts_m: alts_m.clone(), drape: *drape })
 }
 
-/// Table 5.7 of thesis 000: amplitudes of roll, pitch and yaw, in degrees, and manoeuvres per leg, of its
-/// sets 1 to 18. Each angle has 2 or 6 swings; an angle of 0 is not flown.
+/// Table 5.7 of Gnadt 2022: amplitudes of roll, pitch and yaw, in degrees, and periods per manoeuvre of sets 1 to 18.
+/// Each angle has 2 or 6 periods; an angle of 0 is not flown.
 fn set(number: usize) -> ([f64; 3], u32) {
     let (group, scale) = ((number - 1) / 3, [1.0, 2.0, 4.0][(number - 1) % 3]);
     let (roll, yaw) = (if group >= 2 { 5.0 } else { 0.0 }, if group >= 4 { 2.5 } else { 0.0 });
     ([roll * scale, 2.5 * scale, yaw * scale], if group % 2 == 0 { 2 } else { 6 })
 }
 
-/// `kind = "box"`. `sets = [first, last]` are those of thesis 000, table 5.7, one line each.
+/// `kind = "box"`. `sets = [first, last]` selects sets of Gnadt 2022, table 5.7, one line each.
 fn boxes(s: &Section, keys: &BoxKeys, common: &Line) -> Vec<Line> {
     let start = position(s, "start", keys.start);
     let (heading_deg, period_s, legs) = (keys.heading_deg, keys.period_s, keys.legs as u32);
@@ -441,7 +444,7 @@ fn boxes(s: &Section, keys: &BoxKeys, common: &Line) -> Vec<Line> {
     (first..=last).map(one).collect()
 }
 
-/// `kind = "grid"`; `faults` is how many faults there were before the table.
+/// `kind = "grid"`; `faults` is the number of faults before the table.
 fn grid(s: &Section, keys: &GridKeys, common: &Line, air: &Air, faults: usize) -> Vec<Line> {
     let grid = Grid {
         origin: position(s, "origin", keys.origin),
@@ -476,7 +479,7 @@ fn position(s: &Section, key: &'static str, [lat, lon]: [f64; 2]) -> (f64, f64) 
     if lat.abs() >= 89.0 {
         s.fault_at(
             key,
-            format!("`{key}` of `lines` must be [latitude, longitude] in degrees, not within a degree of a pole"),
+            format!("`{key}` of `lines` must be [latitude, longitude] in degrees, with a latitude below 89 degrees"),
         );
     }
     (lat, lon)

@@ -1,4 +1,4 @@
-//! The messages of a DataFlash log as its FMT, FMTU, UNIT and MULT messages define them.
+//! The definitions of messages of a DataFlash log in its FMT, FMTU, UNIT and MULT messages.
 
 use super::super::records::{Column, Kind, text};
 
@@ -16,7 +16,7 @@ pub(super) struct Definition {
     pub(super) length: u8,
     /// The columns of the message; an array is several.
     pub(super) columns: Vec<Column>,
-    /// The field that each column is of, for units.
+    /// The field of each column, for units.
     pub(super) fields: Vec<usize>,
     /// The format character of each field.
     formats: Vec<u8>,
@@ -24,7 +24,7 @@ pub(super) struct Definition {
 
 impl Definition {
     /// The definition in the body of an FMT message, and the type that it defines: type, length, name (4 characters),
-    /// format (16), labels (64, between commas). `None` where it contradicts itself.
+    /// format (16), labels (64, between commas). `None` if it is inconsistent.
     pub(super) fn parse(body: &[u8]) -> Option<(u8, Definition)> {
         let (&[of, length], rest) = body.split_first_chunk::<2>()?;
         let (name, rest) = rest.split_first_chunk::<4>()?;
@@ -36,7 +36,7 @@ impl Definition {
         if name.is_empty() || !printable(&name) || !labels.iter().all(|l| printable(l)) {
             return None;
         }
-        // A format longer than its field is cut, labels too: what is left cannot be told apart.
+        // Formats and labels longer than their fields are cut, so the fields cannot be identified.
         if labels.len() != format.chars().count() {
             return None;
         }
@@ -107,7 +107,7 @@ impl Definition {
     }
 }
 
-/// What a format character stands for.
+/// The meaning of a format character.
 struct Field {
     kind: Kind,
     array: Option<usize>,
@@ -148,7 +148,7 @@ impl Field {
     }
 }
 
-/// The unit of the time columns, which are in every log.
+/// The unit of the time columns, which every log has.
 fn unit_of(label: &str) -> &'static str {
     match label {
         "TimeUS" | "SampleUS" => "us",
@@ -224,7 +224,7 @@ impl Units {
     }
 }
 
-/// A unit as the converter spells it.
+/// A unit in the converter's spelling.
 fn usual(name: &str) -> &str {
     match name {
         "deglatitude" | "deglongitude" | "degheading" => "deg",
@@ -234,11 +234,11 @@ fn usual(name: &str) -> &str {
     }
 }
 
-/// The unit of numbers that a factor turns into `unit`. The numbers stay as they are logged.
+/// The unit of logged numbers that a factor converts to `unit`. The numbers are unchanged.
 fn prefixed(factor: f64, unit: &str) -> String {
     const PREFIXES: [(f64, &str); 8] =
         [(1.0, ""), (0.0, ""), (1e-1, "d"), (1e-2, "c"), (1e-3, "m"), (1e-6, "u"), (1e-9, "n"), (1e3, "k")];
-    // Degrees of latitude in 1e-7 have a name of their own. Factors are logged as single precision.
+    // Latitudes in units of 1e-7 degrees have a separate name. Factors are logged in single precision.
     let is = |x: f64| (factor - x).abs() <= 1e-6 * x.abs();
     match PREFIXES.iter().find(|(x, _)| is(*x)) {
         Some((_, prefix)) => format!("{prefix}{unit}"),

@@ -1,9 +1,9 @@
-//! DataFlash, the binary log of ArduPilot: it describes its messages itself. Each message is a topic, `MAG`; where its
-//! definition marks an instance (unit `#`) each instance is, `MAG:0`. [ardupilot.org, Logs; AP_Logger/LogStructure.h]
+//! DataFlash, the self-describing binary log of ArduPilot. Each message is a topic, `MAG`; if its definition marks an
+//! instance (unit `#`), each instance is a topic, `MAG:0`. [ardupilot.org, Logs; AP_Logger/LogStructure.h]
 //!
-//! Numbers that their format scales are scaled as pymavlink does (`c`, `C`, `e`, `E` hundredths, `L` 1e-7 degrees); all
-//! others stay as they are logged, in the unit that FMTU, UNIT and MULT messages give them, multiplier included. Logs
-//! before 2018 have no such messages and state no units but those of time, latitude and longitude.
+//! Numbers with a scaling format are scaled as in pymavlink (`c`, `C`, `e`, `E` hundredths, `L` 1e-7 degrees). All
+//! others keep their logged values, in the unit of the FMTU, UNIT and MULT messages, including the multiplier. Logs
+//! before 2018 lack such messages and have units only for time, latitude and longitude.
 //!
 //! The file is read three times: for its units, to list and count its topics, and for the values of one.
 
@@ -84,12 +84,12 @@ fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadEr
 
 fn some_message(path: &Path, walk: &Walk) -> Result<(), ReadError> {
     if walk.state.topics.is_empty() {
-        return Err(ReadError::data(path, "is not a DataFlash log: no message of it can be read"));
+        return Err(ReadError::data(path, "the file is not a DataFlash log: it holds no valid message"));
     }
     Ok(())
 }
 
-/// The topic that is asked for: a name without an instance means the only one.
+/// The requested topic: a name without an instance means the only instance.
 fn instance<'a>(path: &Path, asked: Option<&'a str>, names: &'a [(String, u64)]) -> Result<Option<&'a str>, ReadError> {
     let Some(name) = asked.filter(|name| !names.iter().any(|(known, _)| known == name)) else { return Ok(asked) };
     let of = |(known, _): &&(String, u64)| known.split_once(':').is_some_and(|(message, _)| message == name);
@@ -98,13 +98,14 @@ fn instance<'a>(path: &Path, asked: Option<&'a str>, names: &'a [(String, u64)])
         [] => Ok(asked),
         [_] => Ok(names.iter().find(of).map(|(known, _)| known.as_str())),
         _ => {
-            let what = format!("`{name}` has {} instances, and `topic` does not say which", instances.len());
-            Err(ReadError::options(path, what).help(format!("its instances, with their rows: {}", listed(&instances))))
+            let what = format!("`{name}` has {} instances; set `topic` to one of them", instances.len());
+            Err(ReadError::options(path, what)
+                .help(format!("the instances, with their numbers of rows: {}", listed(&instances))))
         }
     }
 }
 
-/// What the whole file says about itself.
+/// Notes on the whole file.
 fn notes(path: &Path, walk: &Walk, number: usize) -> Vec<String> {
     let state = &walk.state;
     let mut notes = vec![];
@@ -117,14 +118,14 @@ fn notes(path: &Path, walk: &Walk, number: usize) -> Vec<String> {
     }
     if state.unreadable > 0 {
         notes.push(format!(
-            "{} cannot be read; {} of theirs skipped",
-            counted(state.unreadable, "definition"),
+            "{}; {} skipped",
+            counted(state.unreadable, "invalid definition"),
             counted(state.undefined, "message")
         ));
     }
     if let Some(layout) = state.topics.get(number).and_then(|t| state.layouts.get(t.layout)).filter(|l| l.others > 0) {
         let (others, name) = (counted(layout.others, "message"), &layout.definition.name);
-        notes.push(format!("{others} of `{name}` after it was defined anew, with other fields, skipped"));
+        notes.push(format!("{others} of `{name}` skipped: it was redefined with other fields"));
     }
     let file = path.display();
     notes.into_iter().map(|note| format!("{file}: {note}")).collect()

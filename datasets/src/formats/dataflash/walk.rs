@@ -1,6 +1,6 @@
-//! The messages of a DataFlash log, one after another. A message has no check sum: it stands only where the marks of
-//! another follow it or the file ends, so that one that lost bytes does not pass. What does not stand is skipped up to
-//! the next that does.
+//! The messages of a DataFlash log in sequence. A message has no checksum. It is valid only if the marks of another one
+//! or the end of the file follow it, so that a message with lost bytes is rejected. Invalid bytes are skipped up to the
+//! next valid message.
 
 use std::{
     collections::HashMap,
@@ -17,12 +17,12 @@ use super::{
 };
 use crate::ReadError;
 
-/// What every message begins with; its type follows.
+/// The first bytes of every message; its type follows.
 pub(super) const MARKS: &[u8] = &[0xa3, 0x95];
-/// Bytes to be seen at once: a message and the marks of the next.
+/// Size of the window in bytes: a message and the marks of the next.
 const AHEAD: usize = 1 << 10;
 
-/// A topic: the messages of one name, and of one instance where they have such.
+/// A topic: the messages of one name and, if any, of one instance.
 pub(super) struct Topic {
     pub(super) instance: Option<String>,
     /// The position of its definition.
@@ -73,25 +73,25 @@ impl Layout {
     }
 }
 
-/// What is known of a message type.
+/// A message type.
 #[derive(Clone, Copy, Default)]
 struct Type {
-    /// With the header; 0 for a type that is not defined.
+    /// Length with the header; 0 for an undefined type.
     length: u8,
-    /// Its definition; `None` where it could not be read.
+    /// Its definition; `None` if it is invalid.
     layout: Option<usize>,
-    /// Whether the definition of the type is that of the name.
+    /// Whether the definition of the type equals that of the name.
     same: bool,
     /// Offset and length of the instance.
     instance: Option<(usize, Kind)>,
 }
 
-/// What is known of a file so far.
+/// State of the walk through a file.
 pub(super) struct State {
     /// The units, of the whole file.
     units: Units,
     types: Vec<Type>,
-    /// The bodies of the FMT messages that define them: the same definition again changes nothing.
+    /// The bodies of the FMT messages that define the types; a repeated definition has no effect.
     defined: Vec<Vec<u8>>,
     pub(super) layouts: Vec<Layout>,
     names: HashMap<String, usize>,
@@ -101,15 +101,15 @@ pub(super) struct State {
     pub(super) cut: u64,
     /// Messages of types without a definition.
     pub(super) unknown: u64,
-    /// Definitions that could not be read.
+    /// Invalid definitions.
     pub(super) unreadable: u64,
-    /// Messages of types whose definition could not be read.
+    /// Messages of types with an invalid definition.
     pub(super) undefined: u64,
     /// The names of these types, where they have one.
     unnamed: HashMap<u8, (String, u64)>,
 }
 
-/// What the bytes at a position are.
+/// Classification of the bytes at a position.
 #[derive(Clone, Copy, PartialEq)]
 enum Found {
     /// A message of this length.
@@ -129,7 +129,7 @@ pub(super) struct Walk {
 }
 
 impl Walk {
-    /// Opens a file; its units and instances, which stand anywhere in it, are read from all of it first.
+    /// Opens a file and first reads its units and instances, which can be anywhere in it.
     ///
     /// # Errors
     /// Fails for a file that cannot be read.
@@ -216,7 +216,7 @@ fn leads(bytes: &[u8]) -> bool {
 }
 
 impl State {
-    /// What the bytes begin with; they are at least [`AHEAD`], or end with the file.
+    /// Classification of the first bytes; they are at least [`AHEAD`], or end with the file.
     #[inline]
     fn found(&self, bytes: &[u8]) -> Found {
         let Some((header, _)) = bytes.split_first_chunk::<HEADER>() else {
@@ -232,7 +232,7 @@ impl State {
         }
     }
 
-    /// The offset of the next message that stands; all bytes that can be judged, if there is none.
+    /// The offset of the next valid message; without one, the number of bytes examined.
     fn next_message(&self, bytes: &[u8]) -> usize {
         let judged = if bytes.len() >= AHEAD { bytes.len() - AHEAD / 2 } else { bytes.len() };
         let stands = |at: &usize| {
@@ -284,7 +284,7 @@ impl State {
             _ => return,
         }
         let definition = Definition::parse(body).map(|(_, definition)| definition);
-        // Without a definition its messages can still be told from others by their length.
+        // Without a definition, the length still separates its messages from others.
         if definition.is_none() {
             self.unreadable += 1;
             let name = text(body.get(2..6).unwrap_or_default());
@@ -325,7 +325,7 @@ impl State {
         let unread = self.unnamed.values().filter(named).filter(|(name, n)| *n > 0 && !self.names.contains_key(name));
         let mut lost: Vec<(String, String)> = unread
             .map(|(name, n)| {
-                let what = format!("{} of `{name}` skipped: its definition contradicts itself", counted(*n, "message"));
+                let what = format!("{} of `{name}` skipped: its definition is inconsistent", counted(*n, "message"));
                 (name.clone(), what)
             })
             .collect();

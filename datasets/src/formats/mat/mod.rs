@@ -1,9 +1,9 @@
-//! MATLAB files: version 5 to 7 (either byte order, deflated or not) and 7.3 (HDF5). A matrix or a structure is a topic,
-//! and so are the vectors at the root, together: `.`. The columns of a matrix `X` take the names in a cell array
-//! `X_label`, otherwise they are `X[0]`, `X[1]`; structures within a structure are columns `a.b`. Vectors of another
-//! length than most are a topic of their own, named with the length: `log:1531`.
+//! MATLAB files of version 5 to 7 (either byte order, deflated or not) and 7.3 (HDF5). Each matrix or structure is a
+//! topic. The vectors at the root are together the topic `.`. The columns of a matrix `X` have the names in a cell
+//! array `X_label`, otherwise `X[0]`, `X[1]`; nested structures are columns `a.b`. Vectors of an uncommon length are a
+//! separate topic named with the length: `log:1531`.
 //!
-//! The variables of one topic are in memory at a time. The file states no units.
+//! The variables of one topic are in memory at a time. The file has no units.
 
 use std::{collections::BTreeSet, path::Path};
 
@@ -27,7 +27,7 @@ pub(super) const FORMAT: FlightFormat = FlightFormat {
 
 const V5: &[u8] = b"MATLAB 5.0 MAT-file";
 
-/// The first files of this kind say 7.0.
+/// The first files of this kind have the version 7.0.
 fn is_v73(head: &Head) -> bool {
     head.starts_with(b"MATLAB 7.") && head.has_at(512, super::hdf5::MAGIC)
 }
@@ -44,8 +44,8 @@ fn read(path: &Path, keep: &dyn Fn(&str) -> bool) -> Result<Read, ReadError> {
         return v5::read(path, keep);
     }
     let what =
-        "is not a MATLAB file of version 5 to 7.3: it does not start with `MATLAB 5.0`, or `MATLAB 7.3` and HDF5";
-    Err(ReadError::data(path, what).help("MATLAB saves an older file anew with `save(name, '-v7')`"))
+        "the file is not a MATLAB file of version 5 to 7.3: its header must start with `MATLAB 5.0` or `MATLAB 7.3`";
+    Err(ReadError::data(path, what).help("load an older file in MATLAB and save it with `save(name, '-v7')`"))
 }
 
 fn topics(path: &Path, _: &FlightOptions) -> Result<Vec<Topic>, ReadError> {
@@ -86,7 +86,7 @@ fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadEr
     let mut notes: Vec<String> = notes.into_iter().map(|note| format!("{file}: {note}")).collect();
     let skipped: BTreeSet<String> = skipped.into_iter().chain(now).collect();
     if !skipped.is_empty() {
-        notes.push(format!("{file}: not read: {}", Vec::from_iter(skipped).join(", ")));
+        notes.push(format!("{file}: ignored: {}", Vec::from_iter(skipped).join(", ")));
     }
     let (schema, batch) = (table.schema(), table.into_batch(path)?);
     let starts = (0..batch.num_rows()).step_by(ROWS);

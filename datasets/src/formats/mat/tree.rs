@@ -1,4 +1,4 @@
-//! The variables of a MATLAB file, and the tables that they make.
+//! The variables of a MATLAB file, and the tables that they form.
 
 use std::collections::BTreeMap;
 
@@ -20,17 +20,17 @@ impl Node {
 /// The value of a variable.
 #[derive(Debug)]
 pub(super) enum Content {
-    /// Numbers of a matrix, column after column; `None` where only the shape was read.
+    /// Numbers of a matrix, column after column; `None` if only the shape was read.
     Array { rows: u64, columns: u64, values: Option<Values> },
     /// The rows of a matrix of characters, or the texts of a cell array.
     Texts(Vec<String>),
     /// One structure.
     Struct(Vec<Node>),
-    /// What is not read, and what it is.
+    /// A variable that is not read, with its type.
     Skipped(&'static str),
 }
 
-/// What a file holds, and notes for the user.
+/// The variables of a file, and notes for the user.
 #[derive(Default)]
 pub(super) struct Read {
     pub(super) nodes: Vec<Node>,
@@ -48,21 +48,21 @@ pub(super) struct Draft {
 pub(super) struct Column {
     pub(super) name: String,
     rows: u64,
-    /// The variable that it is of.
+    /// The variable of the column.
     pub(super) variable: String,
-    /// `None` where only the shape was read.
+    /// Values; `None` if only the shape was read.
     pub(super) values: Option<Values>,
 }
 
 /// The table of the vectors at the root.
 pub(super) const ROOT: &str = ".";
-/// More columns than this are one row of samples, not columns.
+/// A matrix with more columns is a row of samples.
 const MOST_COLUMNS: u64 = 1000;
-/// The longest that a matrix of samples side by side is high.
+/// Maximum number of rows of a matrix with one channel per row.
 const MOST_CHANNELS: u64 = 100;
 
-/// The tables of a file: one of each matrix and structure, and one of the vectors at the root. Vectors of another length
-/// than most are a table of their own, named with their length: `log:1531`.
+/// The tables of a file: one for each matrix and structure, and one for the vectors at the root. Vectors of an uncommon
+/// length are a separate table named with their length: `log:1531`.
 pub(super) fn tables(nodes: Vec<Node>) -> Vec<Draft> {
     let mut labels: BTreeMap<String, Vec<String>> = BTreeMap::new();
     for node in &nodes {
@@ -94,7 +94,7 @@ pub(super) fn tables(nodes: Vec<Node>) -> Vec<Draft> {
     drafts
 }
 
-/// What of a file makes no table.
+/// The variables of a file that are in no table.
 pub(super) fn skipped(nodes: &[Node]) -> Vec<String> {
     let mut out = vec![];
     fn add(prefix: &str, nodes: &[Node], out: &mut Vec<String>) {
@@ -110,7 +110,7 @@ pub(super) fn skipped(nodes: &[Node]) -> Vec<String> {
     out
 }
 
-/// The labels of the columns of a matrix, where there is a different one for each.
+/// The labels of the columns of a matrix, if they are distinct.
 fn named(labels: &[String], rows: u64, columns: u64) -> Option<Vec<String>> {
     let labels: Vec<String> = labels.iter().map(|l| l.trim().to_owned()).collect();
     let twice = labels.iter().enumerate().any(|(i, l)| l.is_empty() || labels.iter().take(i).any(|m| m == l));
@@ -125,7 +125,7 @@ fn split(
     values: Option<Values>,
     labels: Option<Vec<String>>,
 ) -> Vec<Column> {
-    // Samples side by side, a channel in each row.
+    // One channel per row.
     let across = labels.is_none() && columns > MOST_COLUMNS && rows <= MOST_CHANNELS;
     let (samples, channels) = if across { (columns, rows) } else { (rows, columns) };
     if channels > MOST_COLUMNS.max(labels.as_ref().map_or(0, |l| l.len() as u64)) {
@@ -176,7 +176,7 @@ fn flatten(variable: &str, prefix: &str, fields: Vec<Node>, to: &mut Vec<Column>
     }
 }
 
-/// Columns by their length; that of most columns, single values aside, has the name alone.
+/// Columns by their length. The most common length, except single values, has the plain name.
 fn group(name: &str, columns: Vec<Column>) -> Vec<Draft> {
     let mut by_rows: BTreeMap<u64, Vec<Column>> = BTreeMap::new();
     for column in columns.into_iter().filter(|c| c.rows > 0) {

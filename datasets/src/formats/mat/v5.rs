@@ -12,21 +12,21 @@ use super::super::limits::Limit;
 use super::tree::{Content, Node, Read as Outcome};
 use crate::{ReadError, table::Values};
 
-/// The text, the subsystem's offset, the version and the mark of the byte order.
+/// Length of the header: the text, the subsystem's offset, the version and the byte-order mark.
 const HEADER: u64 = 128;
-/// Structures and cells within each other.
+/// Maximum nesting of structures and cells.
 const DEPTH: usize = 16;
-/// The longest name, list of dimensions or text in bytes that is read.
+/// Maximum length of a name, a list of dimensions or a text, in bytes.
 const LONGEST: u64 = 1 << 20;
 
 /// Types of data elements.
 const MATRIX: u32 = 14;
 const COMPRESSED: u32 = 15;
 
-/// Reads the variables of a file; the numbers of those that `keep` names, and only the shapes of others.
+/// Reads the variables of a file: the numbers of those that `keep` names, and only the shapes of others.
 ///
 /// # Errors
-/// Fails for a file that is not of this format. A damaged variable is left out and noted.
+/// Fails for a file that is not of this format. A damaged variable is skipped and noted.
 pub(super) fn read(path: &Path, keep: &dyn Fn(&str) -> bool) -> Result<Outcome, ReadError> {
     let io = |e: io::Error| ReadError::io(path, &e);
     let mut file = BufReader::with_capacity(1 << 16, File::open(path).map_err(io)?);
@@ -36,7 +36,9 @@ pub(super) fn read(path: &Path, keep: &dyn Fn(&str) -> bool) -> Result<Outcome, 
     let big = match header.get(126..128) {
         Some(b"IM") => false,
         Some(b"MI") => true,
-        _ => return Err(ReadError::data(path, "is not a MATLAB 5 file: its header has no mark of the byte order")),
+        _ => {
+            return Err(ReadError::data(path, "the file is not a MATLAB 5 file: its header lacks the byte-order mark"));
+        }
     };
     let (mut outcome, mut at, limit) = (Outcome::default(), HEADER, Limit::new(length));
     while at < length {
@@ -72,11 +74,11 @@ fn deflated(input: impl Read, big: bool, limit: &Limit, keep: &dyn Fn(&str) -> b
     let mut tag = [0; 8];
     inflated.read_exact(&mut tag)?;
     if word(&tag, 0, big) != MATRIX {
-        return Err(broken("it does not hold an array"));
+        return Err(broken("it holds no array"));
     }
     let bytes = u64::from(word(&tag, 4, big));
     let node = Source::new(&mut inflated, big, limit).matrix(bytes, DEPTH, keep, true)?;
-    // The check sum is compared where the stream ends; numbers that are not kept are not read that far.
+    // The checksum is compared at the end of the stream; unused numbers are not read that far.
     if !matches!(node.content, Content::Array { values: None, .. }) {
         io::copy(&mut inflated, &mut io::sink())?;
     }
@@ -97,7 +99,7 @@ fn word(bytes: &[u8], at: usize, big: bool) -> u32 {
 struct Tag {
     kind: u32,
     bytes: u64,
-    /// The data of an element of at most four bytes, which stand in the head.
+    /// The data of an element of at most four bytes, stored in the head.
     small: Option<[u8; 4]>,
 }
 
@@ -114,18 +116,18 @@ impl<'a> Source<'a> {
         Source { input, big, at: 0, limit }
     }
 
-    /// So many bytes; memory grows as they come, not as they are announced.
+    /// Reads `bytes` bytes; memory grows with the bytes read, not with the declared length.
     fn take(&mut self, bytes: u64) -> io::Result<Vec<u8>> {
         let mut out = vec![];
         self.input.take(bytes).read_to_end(&mut out)?;
         self.at += out.len() as u64;
-        if (out.len() as u64) < bytes { Err(broken("it is cut short")) } else { Ok(out) }
+        if (out.len() as u64) < bytes { Err(broken("it is truncated")) } else { Ok(out) }
     }
 
     fn skip(&mut self, bytes: u64) -> io::Result<()> {
         let skipped = io::copy(&mut self.input.take(bytes), &mut io::sink())?;
         self.at += skipped;
-        if skipped < bytes { Err(broken("it is cut short")) } else { Ok(()) }
+        if skipped < bytes { Err(broken("it is truncated")) } else { Ok(()) }
     }
 
     fn tag(&mut self, end: u64) -> io::Result<Tag> {
@@ -142,7 +144,7 @@ impl<'a> Source<'a> {
         }
         let bytes = u64::from(word(&head, 4, self.big));
         if bytes > end.saturating_sub(self.at) {
-            return Err(broken("an element is longer than the array that it is in"));
+            return Err(broken("an element is longer than its array"));
         }
         Ok(Tag { kind: first, bytes, small: None })
     }
@@ -180,7 +182,7 @@ impl<'a> Source<'a> {
         self.data(&tag, LONGEST)
     }
 
-    /// The array of this length, behind its head. `outermost` says whether its own name decides about its numbers.
+    /// The array of this length after its head. With `outermost`, its own name decides whether its numbers are kept.
     fn matrix(&mut self, bytes: u64, depth: usize, keep: &dyn Fn(&str) -> bool, outermost: bool) -> io::Result<Node> {
         let end = self.at + bytes;
         let depth = depth.checked_sub(1).ok_or_else(|| broken("structures are nested too deeply"))?;
@@ -219,7 +221,7 @@ impl<'a> Source<'a> {
                     None
                 };
                 let (rows, columns) = (dims.first().copied().unwrap_or(0), dims.get(1).copied().unwrap_or(0));
-                // What is not kept is not read, where nothing follows it.
+                // Unused numbers at the end are not read.
                 if values.is_none() && !outermost {
                     self.skip_data(&tag)?;
                 }
@@ -237,7 +239,7 @@ impl<'a> Source<'a> {
             5 => Content::Skipped("a sparse matrix"),
             16 => Content::Skipped("a function"),
             OPAQUE => Content::Skipped("an object of a class"),
-            _ => Content::Skipped("an array of a class that is not known"),
+            _ => Content::Skipped("an array of an unknown class"),
         };
         self.done(name, content, end, outermost && !kept)
     }
@@ -245,7 +247,7 @@ impl<'a> Source<'a> {
     /// Moves to the end of the array.
     fn done(&mut self, name: String, content: Content, end: u64, stop: bool) -> io::Result<Node> {
         if !stop {
-            self.skip(end.checked_sub(self.at).ok_or_else(|| broken("its parts are longer than it is"))?)?;
+            self.skip(end.checked_sub(self.at).ok_or_else(|| broken("its parts are longer than the array"))?)?;
         }
         Ok(Node { name, content })
     }
@@ -284,7 +286,7 @@ impl<'a> Source<'a> {
         Ok(fields)
     }
 
-    /// An array within another.
+    /// A nested array.
     fn nested(&mut self, end: u64, depth: usize, keep: &dyn Fn(&str) -> bool) -> io::Result<Node> {
         let tag = self.tag(end)?;
         if tag.kind != MATRIX || tag.small.is_some() {
@@ -319,12 +321,16 @@ fn numbers(data: &[u8], kind: u32, big: bool, count: u64) -> io::Result<Values> 
         9 => floats!(f64, 8),
         12 => exact(of!(i64, 8).map(i128::from)),
         13 => exact(of!(u64, 8).map(i128::from)),
-        _ => return Err(broken("its numbers are of a type that is not known")),
+        _ => return Err(broken("its numbers have an unknown type")),
     };
-    if values.len() as u64 == count { Ok(values) } else { Err(broken("it has more or fewer numbers than its shape")) }
+    if values.len() as u64 == count {
+        Ok(values)
+    } else {
+        Err(broken("the number of its values does not match its shape"))
+    }
 }
 
-/// Whole numbers as floats where these are exact, otherwise with all their digits.
+/// Integers as floats if these are exact, otherwise with all their digits.
 fn exact(numbers: impl Iterator<Item = i128> + Clone) -> Values {
     const EXACT: u128 = 1 << 53;
     let most = numbers.clone().map(i128::unsigned_abs).max().unwrap_or(0);
@@ -335,7 +341,7 @@ fn exact(numbers: impl Iterator<Item = i128> + Clone) -> Values {
     whole.map_or_else(|| Values::Text(numbers.map(|x| x.to_string()).collect()), Values::Whole)
 }
 
-/// The rows of a matrix of characters, which stand column by column.
+/// The rows of a matrix of characters, which is stored column by column.
 fn texts(data: &[u8], kind: u32, big: bool, rows: u64) -> io::Result<Vec<String>> {
     let pair =
         |b: &[u8]| b.first_chunk::<2>().map(|b| if big { u16::from_be_bytes(*b) } else { u16::from_le_bytes(*b) });
@@ -346,7 +352,7 @@ fn texts(data: &[u8], kind: u32, big: bool, rows: u64) -> io::Result<Vec<String>
             let units: Vec<u16> = data.chunks_exact(2).filter_map(pair).collect();
             String::from_utf16_lossy(&units).chars().collect()
         }
-        _ => return Err(broken("its characters are of a type that is not known")),
+        _ => return Err(broken("its characters have an unknown type")),
     };
     let rows = usize::try_from(rows).unwrap_or(usize::MAX).min(characters.len());
     let row = |r: usize| characters.iter().skip(r).step_by(rows).collect::<String>().trim_end().to_owned();

@@ -1,5 +1,5 @@
-//! MATLAB 7.3: an HDF5 file behind a header of 512 bytes. A structure is a group, a matrix a data set with its
-//! dimensions in the opposite order. [MathWorks, MAT-File Versions]
+//! MATLAB 7.3: an HDF5 file after a header of 512 bytes. A structure is a group; a matrix is a data set with reversed
+//! dimensions. [MathWorks, MAT-File Versions]
 
 use std::path::Path;
 
@@ -9,13 +9,13 @@ use super::{
 };
 use crate::{ReadError, table::Values};
 
-/// Structures within each other.
+/// Maximum nesting of structures.
 const DEPTH: usize = 16;
 
-/// Reads the variables of a file; the numbers of those that `keep` names, and only the shapes of others.
+/// Reads the variables of a file: the numbers of those that `keep` names, and only the shapes of others.
 ///
 /// # Errors
-/// Fails for a file that is not whole.
+/// Fails for an incomplete file.
 pub(super) fn read(path: &Path, keep: &dyn Fn(&str) -> bool) -> Result<Read, ReadError> {
     Ok(Read { nodes: nodes(&Hdf5::open(path)?, DEPTH, keep)?, notes: vec![] })
 }
@@ -44,7 +44,7 @@ fn structure(file: &Hdf5, depth: usize, kept: bool) -> Result<Content, ReadError
     Ok(Content::Struct(nodes(file, depth, &|_| kept)?))
 }
 
-/// The classes of numbers; a writer that is not MATLAB may say none.
+/// The classes of numbers; writers other than MATLAB may omit the class.
 const NUMBERS: [&str; 12] =
     ["double", "single", "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64", "logical", ""];
 

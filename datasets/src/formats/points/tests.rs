@@ -63,7 +63,7 @@ fn unit_text_with_line_records_is_the_table_with_a_column_of_lines() {
     let column = write("a.csv", "line,x,y,tmi,alt_ft\n10,1000,2000,5,100\n10,1010,2000,,100\n7,1000,2010,7,\n");
     let options = PointOptions { epsg: Some(32630), ..PointOptions::default() };
     let fault = read_points(&records, &PointOptions::default()).unwrap_err().to_string();
-    assert!(fault.contains("the system of the coordinates `x` and `y` is not given"), "{fault}");
+    assert!(fault.contains("the coordinate system of `x` and `y` is unknown"), "{fault}");
     let both = [records, column]
         .map(|p| read_points(&p, &PointOptions { height: Some("alt_ft".into()), ..options.clone() }).unwrap());
     for points in &both {

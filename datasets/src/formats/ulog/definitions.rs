@@ -1,10 +1,10 @@
-//! Formats and subscriptions of a ULog file: which bytes of a data message are which column.
+//! Formats and subscriptions of a ULog file: the layout of the columns in data messages.
 
 use std::collections::{HashMap, HashSet};
 
 use super::super::records::{Column, Kind, text};
 
-/// A field as a format declares it.
+/// A field in the declaration of a format.
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct Declared {
     /// A basic type, or the name of another format.
@@ -19,7 +19,7 @@ struct Declared {
 pub(super) struct Layout {
     /// The columns, without padding.
     pub(super) columns: Vec<Column>,
-    /// The bytes of a message without the padding at its end, which may be missing, in part too.
+    /// The bytes of a message without the padding at its end, which may be missing completely or in part.
     pub(super) least: usize,
     /// The bytes of a message with it.
     pub(super) most: usize,
@@ -29,18 +29,18 @@ pub(super) struct Layout {
 #[derive(Default)]
 pub(super) struct Formats {
     known: HashMap<String, Vec<Declared>>,
-    /// Names that are defined twice, differently.
+    /// Names with two different definitions.
     pub(super) contradicted: Vec<String>,
 }
 
-/// Formats within formats; PX4 has two levels.
+/// Maximum nesting of formats; PX4 has two levels.
 const DEPTH: usize = 16;
 /// The longest message, whose length has 16 bits.
 const LONGEST: usize = u16::MAX as usize;
 
 impl Formats {
-    /// Adds the format of a message `name:type field;type[n] field;`; `None` where it cannot be read. The last of two of
-    /// one name is valid from there on.
+    /// Adds the format of a message `name:type field;type[n] field;`; `None` if it is invalid. A later definition of
+    /// the same name replaces the earlier one from there on.
     pub(super) fn add(&mut self, body: &[u8]) -> Option<()> {
         let (name, fields) = split(body)?;
         if let Some(known) = self.known.insert(name.clone(), fields.clone())
@@ -52,8 +52,8 @@ impl Formats {
         Some(())
     }
 
-    /// The layout of a format, with the fields of nested formats in place; `None` where a format is missing, contains
-    /// itself, names two fields alike, is longer than a message, or has more than `most` columns.
+    /// The layout of a format with the fields of nested formats; `None` if a format is missing, contains itself, has
+    /// duplicate fields, is longer than a message, or has more than `most` columns.
     pub(super) fn layout(&self, name: &str, most: usize) -> Option<Layout> {
         let mut flat = Flat { most, ..Flat::default() };
         self.flatten(name, "", DEPTH, &mut flat)?;
@@ -117,7 +117,7 @@ impl Basic {
 #[derive(Default)]
 struct Flat {
     columns: Vec<Column>,
-    /// The number of columns that there may be.
+    /// The maximum number of columns.
     most: usize,
     size: usize,
     /// Bytes of padding at the end.
@@ -128,7 +128,7 @@ impl Flat {
     fn push(&mut self, name: String, kind: Kind, padding: bool) -> Option<()> {
         let offset = self.size;
         self.size = self.size.checked_add(kind.bytes()).filter(|size| *size <= LONGEST)?;
-        // Loggers leave out the padding at the end, that of the last nested format too.
+        // Loggers omit the padding at the end, including that of the last nested format.
         self.padding = if padding { self.padding + kind.bytes() } else { 0 };
         if !padding {
             self.most = self.most.checked_sub(1)?;
@@ -139,8 +139,8 @@ impl Flat {
     }
 }
 
-/// The unit of a field: microseconds for the time stamps, as the format defines them; otherwise what the naming of PX4's
-/// messages says. [docs.px4.io, ULog File Format; PX4-Autopilot, msg/]
+/// The unit of a field: microseconds for time stamps, as the format defines; otherwise the unit implied by the names of
+/// PX4's messages. [docs.px4.io, ULog File Format; PX4-Autopilot, msg/]
 fn unit(name: &str) -> &'static str {
     let name = name.rsplit('.').next().unwrap_or(name);
     let name = name.split('[').next().unwrap_or(name);

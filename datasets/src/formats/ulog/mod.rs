@@ -1,7 +1,7 @@
-//! ULog, the log of PX4 autopilots: it describes its messages itself. Each message with an instance is a topic:
-//! `vehicle_attitude`, and `sensor_mag:1` for the second of several. [docs.px4.io, ULog File Format]
+//! ULog, the self-describing log of PX4 autopilots. Each message with an instance is a topic: `vehicle_attitude`, and
+//! `sensor_mag:1` for the second of several. [docs.px4.io, ULog File Format]
 //!
-//! The file is read twice: once to list and count its topics, once for the values of one. The log states no units; time
+//! The file is read twice: once to list and count its topics, once for the values of one. The log has no units. Time
 //! stamps are microseconds since the start of the autopilot, and some names end in a unit.
 
 use std::path::Path;
@@ -39,10 +39,10 @@ fn topics(path: &Path, _: &FlightOptions) -> Result<Vec<Topic>, ReadError> {
 }
 
 fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadError> {
-    // Instance 0 may be spelt out.
+    // The number of instance 0 is optional.
     let asked = options.topic.as_deref().map(|t| t.strip_suffix(":0").unwrap_or(t));
     let mut scan = Walk::open(path)?;
-    // Topics appear as they are subscribed. Where none is named there is one to read, or an error.
+    // Topics appear when they are subscribed. Without a name, the log must have one topic.
     let mut widths: Vec<Option<Widths>> = vec![];
     loop {
         let wanted = |t: &walk::Topic| asked.is_none_or(|name| t.spelt() == name);
@@ -82,16 +82,16 @@ fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadEr
     Ok(Raw { fillers: true, unstated: true, notes, ..Raw::new(schema, parts) })
 }
 
-/// What the whole file says about itself.
+/// Notes on the whole file.
 fn notes(path: &Path, walk: &Walk, number: usize) -> Vec<String> {
     let state = &walk.state;
     let mut notes = vec![];
     if state.version > 1 {
-        notes.push(format!("version {} of the format is not known; it is read as version 1", state.version));
+        notes.push(format!("version {} of the format is unknown; the file is read as version 1", state.version));
     }
     if state.dropouts > 0 {
         notes.push(format!(
-            "{}, {} ms in all, where the logger was too slow",
+            "{}, {} ms in total, where the logger was too slow",
             counted(state.dropouts, "dropout"),
             state.dropouts_ms
         ));
@@ -104,10 +104,7 @@ fn notes(path: &Path, walk: &Walk, number: usize) -> Vec<String> {
         notes.push(format!("{} of unknown types or ids skipped", counted(state.unknown, "message")));
     }
     if state.unreadable > 0 {
-        notes.push(format!(
-            "{} of messages cannot be read; their messages are skipped",
-            counted(state.unreadable, "definition")
-        ));
+        notes.push(format!("{} skipped together with their messages", counted(state.unreadable, "invalid definition")));
     }
     notes.extend(misfits(&state.topics));
     if let Some(end) = state.appended.first().filter(|end| **end > walk.position()) {
@@ -115,11 +112,11 @@ fn notes(path: &Path, walk: &Walk, number: usize) -> Vec<String> {
     }
     if let Some(topic) = state.topics.get(number) {
         if state.contradicted().contains(&topic.name) {
-            notes.push(format!("`{}` is defined twice, differently", topic.name));
+            notes.push(format!("`{}` has two different definitions", topic.name));
         }
         if topic.others > 0 {
             notes.push(format!(
-                "{} of `{}` after it was defined anew, with other fields, skipped",
+                "{} of `{}` skipped: it was redefined with other fields",
                 counted(topic.others, "message"),
                 topic.spelt()
             ));
@@ -137,7 +134,7 @@ fn misfits(topics: &[walk::Topic]) -> Vec<String> {
     if let Some(more) = notes.len().checked_sub(SHOWN).filter(|more| *more > 0) {
         notes.truncate(SHOWN);
         notes.push(format!(
-            "messages of {} do not fit their definitions and were skipped",
+            "messages of {} do not match their definitions and were skipped",
             counted(more as u64, "further topic")
         ));
     }

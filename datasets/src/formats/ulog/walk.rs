@@ -1,5 +1,5 @@
-//! The messages of a ULog file, one after another. A message stands only where another follows it or the file ends, so
-//! that one that lost bytes does not pass; what does not stand is skipped up to the next that does.
+//! The messages of a ULog file in sequence. A message is valid only if another one or the end of the file follows it,
+//! so that a message with lost bytes is rejected. Invalid bytes are skipped up to the next valid message.
 
 use std::{
     collections::HashMap,
@@ -16,18 +16,18 @@ use super::{
 };
 use crate::ReadError;
 
-/// What every file begins with; a byte with the version follows, and the time.
+/// The first bytes of every file; a byte with the version and the time follow.
 pub(super) const MAGIC: &[u8] = b"ULog\x01\x12\x35";
 const HEADER: usize = 16;
 const SYNC: &[u8] = b"\x2f\x73\x13\x20\x25\x0c\xbb\x12";
-/// Bytes to be seen at once: four messages of any length.
+/// Size of the window in bytes: four messages of any length.
 const AHEAD: usize = 1 << 18;
-/// The longest message of an unknown type that is believed. (As pyulog.)
+/// Maximum length of a message of an unknown type, as in pyulog.
 const LONGEST_UNKNOWN: usize = 10_000;
-/// The longest text that a log message is believed to have; PX4 writes 127 characters.
+/// Maximum length of the text of a log message; PX4 writes 127 characters.
 const LONGEST_TEXT: usize = 2048;
 const NO_ID: u32 = u32::MAX;
-/// Columns of all topics together: a log has thousands, and a damaged one could declare any number.
+/// Maximum number of columns of all topics together: a log has thousands; a damaged one could declare any number.
 const MOST_COLUMNS: usize = 1 << 20;
 
 /// A topic: the messages of one name and instance.
@@ -37,17 +37,17 @@ pub(super) struct Topic {
     pub(super) layout: Layout,
     /// Its messages so far.
     pub(super) rows: u64,
-    /// Messages in another layout, after its format was defined anew.
+    /// Messages in another layout, after a redefinition of its format.
     pub(super) others: u64,
     /// Messages that are shorter or longer than their definition.
     pub(super) misfits: Misfits,
 }
 
-/// Messages of a topic that do not fit its definition.
+/// Messages of a topic that do not match its definition.
 #[derive(Default)]
 pub(super) struct Misfits {
     pub(super) messages: u64,
-    /// The least and the largest of their lengths in bytes.
+    /// Minimum and maximum of their lengths in bytes.
     pub(super) bytes: Option<(usize, usize)>,
 }
 
@@ -60,12 +60,12 @@ impl Misfits {
 }
 
 impl Topic {
-    /// Its name as the options spell it: without the number for instance 0.
+    /// Its name in the options: without the number for instance 0.
     pub(super) fn spelt(&self) -> String {
         if self.instance == 0 { self.name.clone() } else { format!("{}:{}", self.name, self.instance) }
     }
 
-    /// A note on its messages that do not fit the definition.
+    /// A note on its messages that do not match the definition.
     pub(super) fn misfitting(&self) -> Option<String> {
         let range = |(least, most): (usize, usize)| {
             if least == most { format!("{least}") } else { format!("{least} to {most}") }
@@ -76,12 +76,12 @@ impl Topic {
         Some(format!("{count} of `{name}`, of {found} bytes each, skipped: the definition has {defined} bytes"))
     }
 
-    /// The reason why there are no rows of it; `None` where there are, or no message at all.
+    /// The reason for a topic without rows; `None` if it has rows, or no messages at all.
     pub(super) fn lost(&self) -> Option<String> {
         let misfitting = self.misfitting().filter(|_| self.rows == 0);
         let others = || {
             let (count, name) = (counted(self.others, "message"), self.spelt());
-            format!("{count} of `{name}` after it was defined anew, with other fields, skipped")
+            format!("{count} of `{name}` skipped: it was redefined with other fields")
         };
         misfitting.or_else(|| (self.rows == 0 && self.others > 0).then(others))
     }
@@ -96,7 +96,7 @@ struct Subscription {
     same: bool,
 }
 
-/// What is known of a file so far.
+/// State of the walk through a file.
 pub(super) struct State {
     formats: Formats,
     pub(super) topics: Vec<Topic>,
@@ -108,7 +108,7 @@ pub(super) struct State {
     /// The subscription of each id.
     ids: Vec<u32>,
     pub(super) version: u8,
-    /// Where data were appended to the file, the next last; a message is cut there.
+    /// Positions of appended data, the next one last; a message is cut there.
     pub(super) appended: Vec<u64>,
     pub(super) dropouts: u64,
     pub(super) dropouts_ms: u64,
@@ -121,14 +121,14 @@ pub(super) struct State {
     pub(super) unreadable: u64,
 }
 
-/// What the bytes at a position are.
+/// Classification of the bytes at a position.
 #[derive(Clone, Copy, PartialEq)]
 enum Found {
     /// A message of a known type and this length.
     Sure(usize),
-    /// What may be a message of this length, of an unknown type or id.
+    /// A possible message of this length, of an unknown type or id.
     Unsure(usize),
-    /// What may be a data message of this length, which does not fit the definition of its id.
+    /// A possible data message of this length, which does not match the definition of its id.
     Misfit(usize),
     /// The start of a message that ends with the file.
     Cut,
@@ -146,14 +146,14 @@ impl Walk {
     /// Opens a file.
     ///
     /// # Errors
-    /// Fails for a file that is no ULog file.
+    /// Fails for a file that is not a ULog file.
     pub(super) fn open(path: &Path) -> Result<Walk, ReadError> {
         let mut forward = Forward::open(path)?;
         let header = forward.ahead(HEADER).map_err(|e| ReadError::io(path, &e))?;
         let version = match (header.starts_with(MAGIC), header.get(MAGIC.len()), header.len() >= HEADER) {
             (true, Some(version), true) => *version,
-            (true, ..) => return Err(ReadError::data(path, "ends within the header of a ULog file")),
-            _ => return Err(ReadError::data(path, "is not a ULog file: it does not start with `ULog`")),
+            (true, ..) => return Err(ReadError::data(path, "the file ends within the ULog header")),
+            _ => return Err(ReadError::data(path, "the file is not a ULog file: it must start with `ULog`")),
         };
         forward.skip(HEADER);
         let state = State {
@@ -175,11 +175,11 @@ impl Walk {
         Ok(Walk { path: path.to_path_buf(), forward, state })
     }
 
-    /// Takes the next message and shows it to `visit` (topic and record) if it is one of data. Returns whether there was
-    /// one.
+    /// Takes the next message and shows it to `visit` (topic and record) if it is one of data. Returns whether there
+    /// was one.
     ///
     /// # Errors
-    /// Fails for a file that cannot be read, or one with features that this reader does not know.
+    /// Fails for a file that cannot be read or has unsupported features.
     #[inline]
     pub(super) fn step(&mut self, visit: &mut impl FnMut(usize, &[u8])) -> Result<bool, ReadError> {
         let Walk { path, forward, state } = self;
@@ -256,7 +256,7 @@ impl State {
         self.subscriptions.get(*self.ids.get(usize::from(id))? as usize)
     }
 
-    /// What the bytes begin with; they end where the file or the section does, or hold a whole message.
+    /// Classification of the first bytes; they end with the file or the section, or hold a whole message.
     #[inline]
     fn found(&self, bytes: &[u8]) -> Found {
         let Some((size, kind)) = size_of(bytes) else {
@@ -266,7 +266,7 @@ impl State {
         if kind == b'D' {
             let fits = match word(bytes, 3).map(|id| self.subscription(id)) {
                 Some(Some(s)) if size < 2 || (s.least..=s.most).contains(&(size - 2)) => size >= 2,
-                // Cut by the end of the file, there is nothing to tell it from damage.
+                // At the end of the file, a cut message cannot be distinguished from damage.
                 Some(Some(_)) => return body.map_or(Found::Nothing, |_| Found::Misfit(3 + size)),
                 Some(None) if size >= 2 => {
                     return if body.is_some() { Found::Unsure(3 + size) } else { Found::Nothing };
@@ -315,25 +315,25 @@ impl State {
         match self.found(bytes) {
             Found::Sure(_) | Found::Cut => true,
             Found::Unsure(length) => depth > 0 && self.leads(bytes.get(length..).unwrap_or_default(), new, depth - 1),
-            // Each has a type and an id that are known: several in a row are no accident.
+            // Each has a known type and id, so several in a row are not accidental.
             Found::Misfit(length) => depth == 0 || self.leads(bytes.get(length..).unwrap_or_default(), new, depth - 1),
             Found::Nothing => bytes.is_empty(),
         }
     }
 
-    /// Whether the bytes are so many messages of known types one after another, or fewer and the end.
+    /// Whether the bytes are the given number of consecutive messages of known types, or fewer up to the end.
     fn chain(&self, bytes: &[u8], messages: usize) -> bool {
         match self.found(bytes) {
             _ if messages == 0 => true,
             Found::Sure(length) => self.chain(bytes.get(length..).unwrap_or_default(), messages - 1),
-            // At the start it would be the end of the file that is taken for a message.
+            // At the start, the end of the file would count as a message.
             Found::Cut => messages < 3,
             Found::Nothing => bytes.is_empty(),
             Found::Unsure(_) | Found::Misfit(_) => false,
         }
     }
 
-    /// The offset of the next message that stands; all bytes that can be judged, if there is none.
+    /// The offset of the next valid message; without one, the number of bytes examined.
     fn next_sure(&self, bytes: &[u8]) -> usize {
         // Beyond this offset a message and the next one may not be in view.
         let judged = if bytes.len() > AHEAD { bytes.len() - AHEAD } else { bytes.len() };
@@ -381,7 +381,7 @@ impl State {
         }
     }
 
-    /// Counts a data message that does not fit its definition.
+    /// Counts a data message that does not match its definition.
     fn misfit(&mut self, message: &[u8]) {
         let Some(at) = word(message, 3).and_then(|id| self.subscription(id)).map(|s| s.topic) else { return };
         if let Some(topic) = self.topics.get_mut(at) {
@@ -416,14 +416,14 @@ impl State {
         }
     }
 
-    /// Flags of features that a reader must know, and the positions of appended data.
+    /// Flags of required features, and the positions of appended data.
     fn flags(&mut self, path: &Path, body: &[u8]) -> Result<(), ReadError> {
         /// Data are appended to the file.
         const APPENDED: u8 = 1;
         let incompatible = body.get(8..16).unwrap_or_default();
         let unknown = incompatible.iter().enumerate().any(|(i, b)| b & !(if i == 0 { APPENDED } else { 0 }) != 0);
         if unknown {
-            let what = "has features that this reader does not know: an unknown incompatible flag is set";
+            let what = "the file has unsupported features: an unknown incompatible flag is set";
             return Err(ReadError::data(path, what).help(format!("its incompatible flags are {incompatible:02x?}")));
         }
         if incompatible.first().is_some_and(|b| b & APPENDED != 0) {
@@ -436,13 +436,13 @@ impl State {
         Ok(())
     }
 
-    /// Names of formats that are defined twice, differently.
+    /// Names of formats with two different definitions.
     pub(super) fn contradicted(&self) -> &[String] {
         &self.formats.contradicted
     }
 }
 
-/// Whether the length, and the body where it is whole, may be those of a message of this type other than data.
+/// Whether the length, and the body if complete, are possible for a message of this type other than data.
 fn plausible(kind: u8, size: usize, body: Option<&[u8]>) -> bool {
     let check = |test: &dyn Fn(&[u8]) -> bool| body.is_none_or(test);
     // Log levels are those of syslog, as digits or numbers.

@@ -106,7 +106,7 @@ fn law_points_together_answer_as_each_alone() {
         }
     }
     let expected =
-        ["no sample could be used: 300 without a measurement", "the line has no column", "what another stage made"];
+        ["no sample could be used: 300 without a measurement", "the line has no column", "belong to another stage"];
     assert!(
         faults.iter().zip(expected).all(|(fault, words)| fault.starts_with(words)) && faults.len() == 3,
         "{faults:?}"

@@ -1,4 +1,4 @@
-//! What the spec says of the magnetometers.
+//! Keys of the magnetometers in a synth spec.
 
 use std::collections::BTreeMap;
 
@@ -13,57 +13,57 @@ use super::{
     source::{Amount, SourceKeys, couplings, source},
 };
 
-/// A scalar magnetometer: it reads the exact magnitude of the field, and its own errors.
+/// A scalar magnetometer. It reads the exact magnitude of the field plus its errors.
 #[derive(Clone, Debug)]
 pub struct Scalar {
     /// The column, `mag_N_uc` or `mag_1_c`.
     pub name: String,
-    /// The aircraft's field there.
+    /// The aircraft's field at the sensor.
     pub source: Source,
-    /// Where it is from the INS along nose, right and down, in m, for the earth's field; `None` is at the INS.
+    /// Position relative to the INS along nose, right and down, in m, for the earth's field; `None` means at the INS.
     pub arm_m: Option<Vector3<f64>>,
     /// White noise, in nT.
     pub noise_nt: f64,
-    /// Its own slow drift.
+    /// Slow drift of the reading.
     pub drift: Option<GaussMarkov>,
-    /// How its reading depends on where the field comes from.
+    /// Dependence of the reading on the direction of the field.
     pub heading: Heading,
-    /// It reads nothing while the field is nearer to the optical axis than this, in degrees.
+    /// Dead zone about the optical axis, in degrees.
     pub dead_polar_deg: f64,
-    /// It reads nothing while the field is nearer to the plane across the optical axis than this, in degrees.
+    /// Dead zone about the plane normal to the optical axis, in degrees.
     pub dead_equatorial_deg: f64,
-    /// Bursts in which it reads nothing: from one's end to the next and how long, means of exponential
-    /// distributions in seconds.
+    /// Dropouts: mean interval from the end of one to the next and mean duration, both exponentially distributed,
+    /// in seconds.
     pub dropouts: Option<(f64, f64)>,
-    /// What is recorded while it reads nothing: NaN, or 0 as some recorders write.
+    /// Whether missing readings are recorded as 0, as by some recorders, instead of NaN.
     pub lost_is_zero: bool,
-    /// Single wrong samples: mean time between them in seconds, and their standard deviation in nT.
+    /// Spikes of a single sample: mean interval in seconds and standard deviation in nT.
     pub spikes: Option<(f64, f64)>,
-    /// Step of its readings, in nT; 0 is none.
+    /// Quantisation step of the readings, in nT; 0 disables rounding.
     pub resolution_nt: f64,
-    /// When it reads.
+    /// Sampling of the sensor.
     pub sampling: Sampling,
 }
 
-/// Heading error: `amplitude_nt` times the cosine of the angle between the field and the optical axis, as the
-/// light's own shift of the levels goes; so the largest over all headings is the amplitude.
+/// Heading error: `amplitude_nt` times the cosine of the angle between the field and the optical axis, as for the
+/// light shift. The maximum over all headings is the amplitude.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Heading {
-    /// The largest error, in nT: 0.15 for a split-beam caesium magnetometer, 30 for a small single-beam one.
+    /// Maximum error, in nT: 0.15 for a split-beam caesium magnetometer, 30 for a small single-beam one.
     pub amplitude_nt: f64,
-    /// Direction of the light in the body frame, of length 1.
+    /// Direction of the light in the body frame, a unit vector.
     pub axis: Vector3<f64>,
 }
 
-/// When a sensor reads: at its own rate if that is below the table's, and late.
+/// Sampling of a sensor: its rate, if below the table's, and its lag.
 ///
-/// Between its own readings the table holds the last (`hold`) or the straight line from one to the next, as a
-/// recorder does or as processing does afterwards. A sensor that is as fast as the table is read at its times.
+/// Between two readings, the table holds the last one (`hold`), as a recorder does, or interpolates linearly, as later
+/// processing does. A sensor at the table's rate or above is read at the table's times.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
 pub struct Sampling {
-    /// Readings a second.
+    /// Readings per second.
     pub rate_hz: Option<f64>,
-    /// How old what it reads is, in seconds.
+    /// Lag of the reading, in seconds.
     pub lag_s: f64,
     /// Whether the last reading is held.
     pub hold: bool,
@@ -72,91 +72,91 @@ pub struct Sampling {
 /// A vector magnetometer, such as a fluxgate.
 #[derive(Clone, Debug)]
 pub struct Vector {
-    /// The columns without `_x`, `_y`, `_z`.
+    /// Name of the columns without `_x`, `_y`, `_z`.
     pub name: String,
-    /// The aircraft's field there.
+    /// The aircraft's field at the sensor.
     pub source: Source,
     /// White noise of each axis, in nT.
     pub noise_nt: f64,
-    /// Standard deviation of each axis' offset, in nT.
+    /// Standard deviation of the bias of each axis, in nT.
     pub offset_nt: f64,
-    /// Standard deviation of each axis' relative scale error.
+    /// Standard deviation of the relative scale error of each axis.
     pub scale: f64,
-    /// Standard deviation of the three angles by which the axes are not square, in degrees.
+    /// Standard deviation of the three non-orthogonality angles, in degrees.
     pub non_orthogonal_deg: f64,
-    /// Standard deviation of the three angles by which it is turned against the body, in degrees.
+    /// Standard deviation of the three misalignment angles relative to the body, in degrees.
     pub misaligned_deg: f64,
-    /// Standard deviation of each axis' drift with the temperature, in nT per degree from the reference.
+    /// Standard deviation of the temperature drift of each axis, in nT per degC from the reference temperature.
     pub temperature_nt_per_degc: f64,
-    /// Standard deviation of each axis' change of scale with the temperature, in millionths per degree from the reference.
+    /// Standard deviation of the temperature coefficient of the scale of each axis, in ppm per degC.
     pub temperature_scale_ppm_per_degc: f64,
-    /// How fast its own temperature follows the one on board, in seconds; 0 is at once.
+    /// Time constant with which the sensor follows the temperature on board, in seconds; 0 disables the lag.
     pub thermal_tau_s: f64,
-    /// Standard deviation of each axis' largest departure from its best straight line, in millionths of the full scale.
+    /// Standard deviation of the nonlinearity of each axis, in ppm of the full scale.
     pub linearity_ppm: f64,
-    /// The field that it is made for, in nT.
+    /// Full scale, in nT.
     pub full_scale_nt: f64,
-    /// What each axis still reads when its field has gone through a loop between ±50,000 nT and is back at zero, in nT.
+    /// Remanence of each axis after a loop of its field between ±50,000 nT, in nT.
     pub core_hysteresis_nt: f64,
-    /// What currents add to the readings of its axes by its cables and its supply, in nT/A.
+    /// Coupling of currents into the readings through cables and supply, in nT/A.
     pub crosstalk: Vec<(usize, Drawn<Vector3<f64>>)>,
-    /// Corner of its first-order response, in Hz.
+    /// Corner frequency of the first-order response, in Hz.
     pub bandwidth_hz: Option<f64>,
-    /// How much later than the sensor each axis is read, in seconds.
+    /// Additional lag of each axis, in seconds.
     pub axis_lag_s: Vector3<f64>,
     /// The slow drift of each axis.
     pub drift: Option<GaussMarkov>,
-    /// Step of its readings, in nT; 0 is none.
+    /// Quantisation step of the readings, in nT; 0 disables rounding.
     pub resolution_nt: f64,
-    /// When it reads.
+    /// Sampling of the sensor.
     pub sampling: Sampling,
 }
 
 params! {
-    /// A drift as a Gauss-Markov process.
+    /// A drift as a first-order Gauss-Markov process.
     pub struct DriftKeys;
-    /// Standard deviation.
+    /// Standard deviation of the drift.
     sigma_nt: f64, unit "nT", rule Rule::NotNegative;
-    /// Correlation time.
+    /// Time constant of the drift.
     tau_s: f64, unit "s", default 600.0, rule Rule::Positive;
 }
 
 params! {
-    /// Bursts in which a sensor reads nothing; both times are means of exponential distributions.
+    /// Dropouts of a sensor; both times are means of exponential distributions.
     pub struct DropoutKeys;
-    /// From the end of one to the next.
+    /// Mean interval from the end of one dropout to the next.
     mean_s: f64, unit "s", rule Rule::Positive;
-    /// How long one lasts.
+    /// Mean duration of a dropout.
     for_s: f64, unit "s", default 1.0, rule Rule::Positive;
 }
 
 params! {
-    /// Single wrong samples.
+    /// Spikes of a single sample.
     pub struct SpikeKeys;
-    /// Mean time between them.
+    /// Mean interval between spikes.
     mean_s: f64, unit "s", rule Rule::Positive;
-    /// Standard deviation.
+    /// Standard deviation of the spikes.
     sigma_nt: f64, unit "nT", rule Rule::NotNegative;
 }
 
 choice! {
-    /// What is recorded while a sensor reads nothing.
+    /// Value of a missing reading.
     pub enum Lost {
         /// NaN.
         Nan = "nan",
-        /// 0, as some recorders write.
+        /// 0, as written by some recorders.
         Zero = "zero",
     }
 }
 
 params! {
-    /// When a sensor reads: at its own rate where that is below the table's, and late.
+    /// Sampling of a sensor: its rate, if below the table's, and its lag.
     pub struct SamplingKeys;
-    /// Readings a second.
-    rate_hz: Option<f64>, unit "Hz", absent "that of the table", rule Rule::Positive;
-    /// How old what it reads is.
+    /// Readings per second. A rate above the table's has no effect.
+    rate_hz: Option<f64>, unit "Hz", absent "`rate_hz` of the spec", rule Rule::Positive;
+    /// Lag of the readings. Positive when a reading is late.
     lag_s: f64, unit "s", default 0.0, rule Rule::Between(0.0, 60.0);
-    /// Whether the last reading is held between its own readings, else the straight line from one to the next.
+    /// Holds the last reading until the next one. If false, interpolates linearly between readings.
     hold: bool, unit "", default false;
 }
 
@@ -167,76 +167,77 @@ impl SamplingKeys {
 }
 
 params! {
-    /// A table of `magnetometers`: a scalar magnetometer. It reads the exact magnitude of the field, and its own errors.
+    /// A table of `magnetometers`: a scalar magnetometer. It reads the exact magnitude of the field plus its errors.
     pub struct ScalarKeys, groups [source: SourceKeys, sampling: SamplingKeys];
-    /// The column, `mag_N_uc` or `mag_1_c`.
+    /// Name of the column, `mag_N_uc` or `mag_1_c`.
     name: String, unit "";
-    /// Where it measures the earth's field, from the INS along nose, right and down. The field is evaluated there, turned by the
-    /// true attitude, so that two magnetometers measure the difference of the field between them.
+    /// Position relative to the INS in the body frame (nose, right, down). The earth's field is evaluated at this
+    /// position with the true attitude, so that two magnetometers measure the gradient between them.
     arm_m: [f64; 3], unit "m", default [0.0; 3], rule Rule::Between(-200.0, 200.0);
-    /// White noise.
+    /// Standard deviation of white noise.
     noise_nt: f64, unit "nT", default 0.0, rule Rule::NotNegative;
-    /// Its own slow drift.
+    /// Slow drift of the reading.
     drift: Option<Nested<DriftKeys>>, unit "", absent "none";
-    /// Heading error, the largest over all headings: 0.15 for a split-beam caesium magnetometer, 30 for a small
+    /// Maximum heading error over all headings: 0.15 nT for a split-beam caesium magnetometer, 30 nT for a small
     /// single-beam one.
     heading_nt: f64, unit "nT", default 0.0, rule Rule::NotNegative;
-    /// The optical axis in the body frame: direction of the light, of any length.
+    /// Optical axis, the direction of the light, in the body frame. A nonzero vector of any length.
     axis: [f64; 3], unit "1", default [0.0, 1.0, 1.0], rule Rule::Finite;
-    /// It reads nothing while the field is nearer to the optical axis than this.
+    /// Dead zone about the optical axis: minimum angle between the field and the axis for a reading.
     dead_polar_deg: f64, unit "deg", default 0.0, rule Rule::Between(0.0, 90.0);
-    /// It reads nothing while the field is nearer to the plane across the optical axis than this.
+    /// Dead zone about the plane normal to the optical axis: minimum angle between the field and the plane for a
+    /// reading.
     dead_equatorial_deg: f64, unit "deg", default 0.0, rule Rule::Between(0.0, 90.0);
-    /// Bursts in which it reads nothing.
+    /// Dropouts of the sensor.
     dropouts: Option<Nested<DropoutKeys>>, unit "", absent "none";
-    /// What is recorded while it reads nothing.
+    /// Value of a missing reading.
     lost: Lost, unit "", default Lost::Nan;
-    /// Single wrong samples.
+    /// Spikes of a single sample.
     spikes: Option<Nested<SpikeKeys>>, unit "", absent "none";
-    /// Step of its readings; 0 is none.
+    /// Quantisation step of the readings; 0 disables rounding.
     resolution_nt: f64, unit "nT", default 0.0, rule Rule::NotNegative;
 }
 
 params! {
     /// A table of `vector_magnetometers`: a vector magnetometer, such as a fluxgate.
     pub struct VectorKeys, groups [source: SourceKeys, sampling: SamplingKeys];
-    /// The columns without `_x`, `_y`, `_z`: `flux_X`.
+    /// Name of the columns without `_x`, `_y`, `_z`: `flux_X`.
     name: String, unit "";
-    /// White noise of each axis.
+    /// Standard deviation of white noise of each axis.
     noise_nt: f64, unit "nT", default 0.0, rule Rule::NotNegative;
-    /// Standard deviation of each axis' offset.
+    /// Standard deviation of the bias of each axis.
     offset_nt: f64, unit "nT", default 0.0, rule Rule::NotNegative;
-    /// Standard deviation of each axis' relative scale error.
+    /// Standard deviation of the relative scale error of each axis.
     scale: f64, unit "1", default 0.0, rule Rule::Between(0.0, 0.5);
-    /// Standard deviation of the three angles by which the axes are not square.
+    /// Standard deviation of the three non-orthogonality angles of the axes.
     non_orthogonal_deg: f64, unit "deg", default 0.0, rule Rule::Between(0.0, 10.0);
-    /// Standard deviation of the three angles by which it is turned against the body.
+    /// Standard deviation of the three misalignment angles relative to the body.
     misaligned_deg: f64, unit "deg", default 0.0, rule Rule::Between(0.0, 30.0);
-    /// Standard deviation of each axis' drift with the temperature, per degree from the reference.
+    /// Standard deviation of the temperature drift of each axis, per degC from `reference_degc` of `temperature`.
     temperature_nt_per_degc: f64, unit "nT", default 0.0, rule Rule::NotNegative;
-    /// Standard deviation of each axis' change of scale with the temperature, per degree from the reference: 20 to 70 for
-    /// good fluxgates.
+    /// Standard deviation of the temperature coefficient of the scale of each axis, per degC from `reference_degc` of
+    /// `temperature`. Good fluxgates have 20 to 70 ppm.
     temperature_scale_ppm_per_degc: f64, unit "ppm", default 0.0, rule Rule::Between(0.0, 1e5);
-    /// Time constant with which its own temperature follows the one on board; 0 is at once.
+    /// Time constant with which the sensor follows the temperature on board; 0 disables the lag.
     thermal_tau_s: f64, unit "s", default 0.0, rule Rule::NotNegative;
-    /// Standard deviation of each axis' largest departure from its best straight line within `full_scale_nt`, of that: a
-    /// cubic, as data sheets state the linearity; 15 to 150 for good fluxgates.
+    /// Standard deviation of the nonlinearity of each axis: the largest deviation from the best straight line, in ppm
+    /// of `full_scale_nt`. The deviation is cubic. Good fluxgates have 15 to 150 ppm.
     linearity_ppm: f64, unit "ppm", default 0.0, rule Rule::Between(0.0, 1e5);
-    /// The field that it is made for.
+    /// Full scale of the sensor.
     full_scale_nt: f64, unit "nT", default 100_000.0, rule Rule::Positive;
-    /// What each axis still reads when its field has gone through a loop between ±50,000 nT and is back at zero: half the
-    /// loop's width, by Rayleigh's law.
+    /// Remanence of each axis: its reading at zero field after a loop of its field between ±50,000 nT. It is half the
+    /// width of the hysteresis loop (Rayleigh's law).
     core_hysteresis_nt: f64, unit "nT", default 0.0, rule Rule::NotNegative;
-    /// What each current adds to the readings for an ampere, by the names of currents: through cables and the supply, not
-    /// as a field, and not at other sensors. A vector, or a magnitude whose direction is drawn.
+    /// Coupling of each current into the readings through cables and supply, per ampere, by the name of the current. It
+    /// affects this sensor only. A vector, or a magnitude whose direction is drawn.
     crosstalk: Option<BTreeMap<String, Amount>>, unit "nT", absent "none", rule Rule::Finite;
-    /// Corner of its first-order response, at which half of the power is left.
-    bandwidth_hz: Option<f64>, unit "Hz", absent "it follows at once", rule Rule::Positive;
-    /// How much older than the others, as of `lag_s`, what each axis reads is: of a converter that takes them in turn.
+    /// Corner frequency (-3 dB) of the first-order response.
+    bandwidth_hz: Option<f64>, unit "Hz", absent "no response delay", rule Rule::Positive;
+    /// Lag of each axis in addition to `lag_s`, as of a converter that reads the axes in turn.
     axis_lag_s: [f64; 3], unit "s", default [0.0; 3], rule Rule::Between(0.0, 60.0);
-    /// The slow drift of each axis.
+    /// Slow drift of each axis.
     drift: Option<Nested<DriftKeys>>, unit "", absent "none";
-    /// Step of its readings; 0 is none.
+    /// Quantisation step of the readings; 0 disables rounding.
     resolution_nt: f64, unit "nT", default 0.0, rule Rule::NotNegative;
 }
 
@@ -249,11 +250,14 @@ pub(super) fn scalar(s: &Section, currents: &[Current]) -> Option<Scalar> {
     let keys: ScalarKeys = s.group(None)?;
     let known = schemas::flight::describe(&keys.name);
     if known.unit != "nT" || !keys.name.starts_with("mag_") {
-        s.fault_at("name", format!("a scalar magnetometer is called `mag_N_uc` or `mag_1_c`, not `{}`", keys.name));
+        s.fault_at(
+            "name",
+            format!("the name of a scalar magnetometer must be `mag_N_uc` or `mag_1_c`, not `{}`", keys.name),
+        );
     }
     let axis = Vector3::from(keys.axis);
     if axis.norm() < 1e-9 {
-        s.fault_at("axis", "`axis` has no direction".to_owned());
+        s.fault_at("axis", "`axis` must not be the zero vector".to_owned());
     }
     let heading = Heading { amplitude_nt: keys.heading_nt, axis: axis.try_normalize(1e-9).unwrap_or(Vector3::z()) };
     Some(Scalar {
@@ -276,7 +280,7 @@ pub(super) fn scalar(s: &Section, currents: &[Current]) -> Option<Scalar> {
 pub(super) fn vector(s: &Section, currents: &[Current]) -> Option<Vector> {
     let keys: VectorKeys = s.group(None)?;
     if keys.name.strip_prefix("flux_").is_none_or(str::is_empty) {
-        s.fault_at("name", format!("a vector magnetometer is called `flux_X`, not `{}`", keys.name));
+        s.fault_at("name", format!("the name of a vector magnetometer must be `flux_X`, not `{}`", keys.name));
     }
     Some(Vector {
         source: source(s, keys.source, currents),

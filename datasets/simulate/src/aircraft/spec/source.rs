@@ -1,4 +1,4 @@
-//! What the spec says of the aircraft's own field at a magnetometer.
+//! Keys of the aircraft field at a magnetometer in a synth spec.
 
 use std::collections::BTreeMap;
 
@@ -8,17 +8,17 @@ use schemas::{Fault, Literal, Rule, Value, params};
 use super::Current;
 use crate::reading::Section;
 
-/// Something that the spec gives exactly, or of which it gives the size so that the seed decides.
+/// A quantity that the spec gives exactly, or by a size from which it is drawn.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Drawn<T> {
-    /// As it is.
+    /// The exact value.
     Exact(T),
-    /// Drawn with this size.
+    /// The size of a drawn value.
     Size(f64),
 }
 
 impl Drawn<Matrix3<f64>> {
-    /// Whether it is zero whatever is drawn.
+    /// Whether it is zero for every draw.
     pub(crate) fn is_none(&self) -> bool {
         match self {
             Drawn::Exact(matrix) => *matrix == Matrix3::zeros(),
@@ -27,10 +27,10 @@ impl Drawn<Matrix3<f64>> {
     }
 }
 
-/// The magnetic field of the aircraft at one place in it, in the body frame (nose, right, down).
+/// The magnetic field of the aircraft at one position in it, in the body frame (nose, right, down).
 #[derive(Clone, Debug)]
 pub struct Source {
-    /// Where, in metres from the aircraft's reference point; without it no wire is felt.
+    /// Position relative to the aircraft's reference point, in metres; without it wires have no effect.
     pub position_m: Option<Vector3<f64>>,
     /// The permanent field in nT. Keys `permanent = [x, y, z]`, or `permanent_nt`, its magnitude (0), the
     /// direction drawn.
@@ -38,33 +38,33 @@ pub struct Source {
     /// The induced tensor in nT per nT of the earth's field. Keys `induced = [[..], [..], [..]]`, of any symmetry,
     /// or `induced_nt`, the standard deviation of a symmetric tensor's elements times 50,000 nT (0).
     pub induced: Drawn<Matrix3<f64>>,
-    /// Whether a tensor that is drawn is symmetric.
+    /// Whether a drawn tensor is symmetric.
     pub induced_symmetric: bool,
     /// The eddy matrix in seconds (nT per nT/s). Keys `eddy = [[..], [..], [..]]`, or `eddy_s`, the standard
     /// deviation of its elements (0).
     pub eddy: Drawn<Matrix3<f64>>,
-    /// How much the permanent field of a flight differs: the standard deviation of each component in nT, drawn
-    /// anew for each flight, as when the landing shakes it.
+    /// Standard deviation of the change of each component of the permanent field between flights, in nT, as caused by
+    /// the shock of a landing.
     pub shift_nt: f64,
-    /// Random walk of each component of the permanent field from the flight's start on, in nT per root hour.
+    /// Random walk of each component of the permanent field from the flight's start, in nT/√h.
     pub walk_nt_per_sqrt_h: f64,
-    /// What the bending of the wings adds, in nT per m/s² of vertical specific force beyond that of level flight.
+    /// Field caused by wing bending, in nT per m/s² of vertical specific force in excess of level flight.
     pub flex: Drawn<Vector3<f64>>,
-    /// The specific force beyond which the wings bend no further, in m/s².
+    /// Excess specific force at which wing bending saturates, in m/s².
     pub flex_limit_mps2: f64,
-    /// What the airframe's iron remembers, in nT: column j is the field that remains here when the earth's field along
-    /// the body's axis j has gone through a loop between ±50,000 nT and is back at zero. Keys `hysteresis`, or
-    /// `hysteresis_nt`, the standard deviation of its elements (0).
+    /// Remanence of the airframe's iron, in nT: column j is the field after a loop of the earth's field along body
+    /// axis j between ±50,000 nT and back to zero. Keys `hysteresis`, or `hysteresis_nt`, the standard deviation of its
+    /// elements (0).
     pub hysteresis: Drawn<Matrix3<f64>>,
-    /// Field of each current in nT/A: the table `currents`, whose keys are names of currents and whose values a
-    /// vector, or a magnitude whose direction is drawn. What wires give is added.
+    /// Field of each current in nT/A: the table `currents`, with names of currents as keys. A value is a vector, or a
+    /// magnitude whose direction is drawn. The field of wires is added.
     pub currents: Vec<(usize, Drawn<Vector3<f64>>)>,
 }
 
-/// The field of a current: its magnitude, or exactly.
+/// The field of a current: a magnitude or a vector.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Amount {
-    /// Its magnitude, the direction drawn.
+    /// The magnitude; the direction is drawn.
     Size(f64),
     /// The vector.
     Exact([f64; 3]),
@@ -95,42 +95,42 @@ impl Value for Amount {
 params! {
     /// The magnetic field of the aircraft at a magnetometer, in the body frame (nose, right, down).
     pub struct SourceKeys;
-    /// Where it is, from the aircraft's reference point.
-    position_m: Option<[f64; 3]>, unit "m", absent "no wire is felt", rule Rule::Finite;
-    /// The permanent field.
+    /// Position relative to the aircraft's reference point.
+    position_m: Option<[f64; 3]>, unit "m", absent "wires have no effect", rule Rule::Finite;
+    /// Permanent field.
     permanent: Option<[f64; 3]>, unit "nT", absent "drawn with the magnitude `permanent_nt`", rule Rule::Finite;
-    /// Magnitude of the permanent field, the direction drawn.
+    /// Magnitude of a permanent field whose direction is drawn.
     permanent_nt: Option<f64>, unit "nT", absent "0", rule Rule::NotNegative;
-    /// The induced tensor, of any symmetry, per nT of the earth's field.
+    /// Induced tensor, symmetric or not: induced field in nT per nT of the earth's field.
     induced: Option<[[f64; 3]; 3]>, unit "1", absent "drawn with the size `induced_nt`", rule Rule::Finite;
-    /// Standard deviation of the elements of an induced tensor that is drawn, times 50,000 nT.
+    /// Standard deviation of the elements of a drawn induced tensor, times 50,000 nT.
     induced_nt: Option<f64>, unit "nT", absent "0", rule Rule::NotNegative;
-    /// Whether a tensor that is drawn is symmetric.
+    /// Draws a symmetric induced tensor.
     induced_symmetric: bool, unit "", default true;
-    /// The eddy matrix (nT per nT/s).
+    /// Eddy matrix, nT per nT/s.
     eddy: Option<[[f64; 3]; 3]>, unit "s", absent "drawn with the size `eddy_s`", rule Rule::Finite;
-    /// Standard deviation of the elements of an eddy matrix that is drawn.
+    /// Standard deviation of the elements of a drawn eddy matrix.
     eddy_s: Option<f64>, unit "s", absent "0", rule Rule::NotNegative;
-    /// Standard deviation of each component by which the permanent field of a flight differs, drawn anew for each flight, as
-    /// when the landing shakes it.
+    /// Standard deviation of the change of each component of the permanent field between flights, as caused by the
+    /// shock of a landing. It is drawn for each flight.
     permanent_shift_nt: f64, unit "nT", default 0.0, rule Rule::NotNegative;
-    /// Random walk of each component of the permanent field from the flight's start on, per root hour.
+    /// Random walk of each component of the permanent field from the flight's start, nT/√h.
     permanent_walk_nt_per_sqrt_h: f64, unit "nT", default 0.0, rule Rule::NotNegative;
-    /// What the bending of the wings adds, per m/s² of vertical specific force beyond that of level flight.
+    /// Field caused by wing bending, nT per m/s² of vertical specific force in excess of level flight.
     flex: Option<[f64; 3]>, unit "nT", absent "drawn with the magnitude `flex_nt_per_mps2`", rule Rule::Finite;
-    /// The magnitude of that, the direction drawn.
+    /// Magnitude of a field of wing bending whose direction is drawn, nT per m/s².
     flex_nt_per_mps2: Option<f64>, unit "nT", absent "0", rule Rule::NotNegative;
-    /// The specific force beyond which the wings bend no further.
+    /// Excess specific force at which wing bending saturates.
     flex_limit_mps2: f64, unit "m/s2", default 20.0, rule Rule::Positive;
-    /// Hysteresis of the airframe's iron: column j is the field that remains when the earth's field along the body's axis j
-    /// has gone through a loop between ±50,000 nT and is back at zero, half the loop's width.
+    /// Remanence of the airframe's iron. Column j is the field after a loop of the earth's field along body axis j
+    /// between ±50,000 nT and back to zero. It is half the width of the hysteresis loop.
     hysteresis: Option<[[f64; 3]; 3]>, unit "nT", absent "drawn with the size `hysteresis_nt`", rule Rule::Finite;
-    /// Standard deviation of the elements of that where it is drawn. Of iron in the earth's field it is up to 3 % of the
-    /// induced field.
+    /// Standard deviation of the elements of a drawn matrix `hysteresis`. Iron in the earth's field keeps up to 3 % of
+    /// the induced field.
     hysteresis_nt: Option<f64>, unit "nT", absent "0", rule Rule::NotNegative;
-    /// Field of each current for an ampere, by the names of currents: a vector, or a magnitude whose direction is drawn.
-    /// What wires give is added.
-    currents: Option<BTreeMap<String, Amount>>, unit "nT", absent "what wires give", rule Rule::Finite;
+    /// Field of each current per ampere, by the name of the current: a vector, or a magnitude whose direction is drawn.
+    /// The field of `wires` is added.
+    currents: Option<BTreeMap<String, Amount>>, unit "nT", absent "only the field of `wires`", rule Rule::Finite;
 }
 
 pub(super) fn source(s: &Section, keys: SourceKeys, currents: &[Current]) -> Source {
@@ -153,7 +153,7 @@ pub(super) fn source(s: &Section, keys: SourceKeys, currents: &[Current]) -> Sou
 fn either<T>(s: &Section, exactly: &str, exact: Option<T>, sized: &'static str, size: Option<f64>) -> Drawn<T> {
     match exact {
         Some(_) if size.is_some() => {
-            s.fault_at(sized, format!("`{exactly}` says exactly what `{sized}` would draw: keep one"));
+            s.fault_at(sized, format!("`{exactly}` cannot be combined with `{sized}`; remove one of them"));
             Drawn::Size(0.0)
         }
         Some(exact) => Drawn::Exact(exact),
@@ -161,7 +161,7 @@ fn either<T>(s: &Section, exactly: &str, exact: Option<T>, sized: &'static str, 
     }
 }
 
-/// The couplings that the table `key` gives by the names of currents.
+/// The couplings in the table `key`, by the names of currents.
 pub(super) fn couplings(
     s: &Section,
     key: &'static str,
@@ -182,7 +182,7 @@ pub(super) fn couplings(
     coupled
 }
 
-/// Which of the currents is called `name`.
+/// The index of the current `name`.
 pub(super) fn index_of(currents: &[Current], name: &str) -> Result<usize, Fault> {
     let names: Vec<&str> = currents.iter().map(|c| c.name.as_str()).collect();
     let found = names.iter().position(|n| *n == name);

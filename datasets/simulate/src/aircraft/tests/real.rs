@@ -1,4 +1,4 @@
-//! What real sensors, currents and recorders add: nothing by default, nothing when switched off, and what is declared.
+//! Errors of real sensors, currents and recorders: none by default, none when switched off, and otherwise as declared.
 
 use super::*;
 
@@ -239,7 +239,8 @@ fn law_the_airframe_remembers_by_rayleighs_law() {
         let u = x[i] / 5e4;
         let (middle, half) = (20.0 * level * u, 10.0 * (level * level - u * u).max(0.0));
         assert!((part[0][i] - middle).abs() < half + 0.2, "{i}: {} is not in the loop at {u}", part[0][i]);
-        // Along z it has only come from nothing: on the first loading or, once past a maximum, between that and its tip.
+        // Along z it has only come from nothing: on the first loading or, once past a maximum, between that and its
+        // tip.
         let u = z[i].abs() / 5e4;
         deepest = deepest.max(u);
         let beyond = part[2][i].abs() - 20.0 * u * u;

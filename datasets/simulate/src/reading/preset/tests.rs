@@ -97,5 +97,5 @@ fn gold_faults_beside_a_preset_keep_their_places() {
     let odd = said("preset = 3", "");
     assert!(odd.contains("`preset` must be the name of a preset"), "{odd}");
     let alone = said("without = ['mag_5_uc']", "");
-    assert!(alone.contains("`without` leaves out of a preset, and there is none"), "{alone}");
+    assert!(alone.contains("`without` removes entries of a preset; set `preset`"), "{alone}");
 }
