@@ -56,6 +56,7 @@ mod serve;
 mod store;
 mod support;
 mod tasks;
+mod text_fields;
 mod trust;
 mod versions;
 mod warnings;

@@ -90,7 +90,7 @@ impl Canonical {
             match step {
                 Step::Keep => Ok(array.clone()),
                 Step::Cast => cast(array, field.data_type()).map_err(wrong),
-                Step::Text => text(array).map_err(wrong),
+                Step::Text => identifiers(array).map_err(wrong),
                 Step::Number(factor) => cast(array, &DataType::Float64).map(|a| numbers(&a, *factor)).map_err(wrong),
                 Step::Scalar(factor) if zeros => {
                     cast(array, &DataType::Float64).map(|a| numbers(&a, *factor)).map_err(wrong)
@@ -165,14 +165,33 @@ fn is_text(t: &DataType) -> bool {
     matches!(t, DataType::Utf8 | DataType::LargeUtf8 | DataType::Utf8View)
 }
 
-/// Identifiers as text: whole numbers without a fraction, others in their shortest spelling.
-fn text(array: &ArrayRef) -> Result<ArrayRef, arrow_schema::ArrowError> {
+/// Identifiers as text: whole numbers without a fraction, others as [`identifier`] has them.
+///
+/// # Errors
+/// Fails for values that no text exists of.
+pub fn identifiers(array: &ArrayRef) -> Result<ArrayRef, arrow_schema::ArrowError> {
     if !flattened(array.data_type()).is_floating() {
         return cast(array, &DataType::Utf8);
     }
     let numbers = cast(array, &DataType::Float64)?;
     let numbers = numbers.as_primitive::<arrow_array::types::Float64Type>();
-    Ok(Arc::new(numbers.iter().map(|x| x.map(|x| x.to_string())).collect::<StringArray>()))
+    Ok(Arc::new(numbers.iter().map(|x| x.map(identifier)).collect::<StringArray>()))
+}
+
+/// The text of an identifier that is a number: the shortest that reads back the same, in single precision where that
+/// holds the number exactly. Line 1006.04 in single precision is 1006.0399780273438 in double.
+pub fn identifier(x: f64) -> String {
+    as_written(x).to_string()
+}
+
+/// The number that was written as an identifier, before it was rounded to single precision.
+pub fn as_written(x: f64) -> f64 {
+    let single = x as f32;
+    // A whole number has all its digits already.
+    if x.fract() == 0.0 || f64::from(single) != x {
+        return x;
+    }
+    single.to_string().parse().unwrap_or(x)
 }
 
 /// Numbers in the canonical unit, with NaN for missing ones.
@@ -259,6 +278,24 @@ mod tests {
         assert!(lat.value(1).is_nan());
         assert_eq!(out.column(4).data_type(), &DataType::Int64);
         assert_eq!(out.schema().field(3).metadata()["unit"], "deg");
+    }
+
+    #[test]
+    fn unit_identifiers_of_single_precision_have_its_shortest_text() {
+        for (x, text) in [
+            (f64::from(1006.04_f32), "1006.04"),
+            (f64::from(1003.1_f32), "1003.1"),
+            (1006.04, "1006.04"),
+            (1010.25, "1010.25"),
+            (2f64.powi(40), "1099511627776"),
+            (f64::from(-7.3_f32), "-7.3"),
+        ] {
+            assert_eq!(identifier(x), text);
+        }
+        let array: ArrayRef = Arc::new(Float32Array::from(vec![Some(1006.04), Some(1010.0), None]));
+        let found = identifiers(&array).unwrap();
+        let texts: Vec<Option<&str>> = found.as_string::<i32>().iter().collect();
+        assert_eq!(texts, [Some("1006.04"), Some("1010"), None]);
     }
 
     #[test]

@@ -11,7 +11,7 @@ use arrow_array::ArrayRef;
 use grids::{AnomalyGrid, Crs, Height, SurveyPoints};
 use numerics::maps::{
     gridding::{self, CleanOptions, Folds, GridError, GridOptions, GridReport, Gridded, Method, Region},
-    levelling::{CrossoverOptions, LevelOptions, Levelled, find_crossovers, level_lines},
+    levelling::{CrossoverOptions, LevelOptions, Levelled, find_crossovers, level_lines, tie_lines},
     plane_grid::PlaneGrid,
 };
 use schemas::{
@@ -167,7 +167,10 @@ impl MapGrid {
         let line: Vec<usize> = points.line.iter().map(|l| *l as usize).collect();
         let flat = (self.method == Surface::MinimumCurvature).then(|| points::any_heights(points));
         let survey = survey_at(points, &line, flat.as_deref());
-        let levelled = self.level_order.map(|order| self.levelled(survey, order, progress)).transpose()?;
+        let levelled = self
+            .level_order
+            .map(|order| self.levelled(survey, order, points.ties(&tie_lines(survey)), progress))
+            .transpose()?;
         if let Some(levelled) = &levelled {
             points.value_nt.iter_mut().zip(&levelled.correction_nt).for_each(|(v, c)| *v -= c);
         }
@@ -218,7 +221,14 @@ impl MapGrid {
         Err(Fault::data(what).help("choose a `spacing_m` below the extent of the points").of_param("spacing_m"))
     }
 
-    fn levelled(&self, survey: gridding::SurveyPoints, order: usize, progress: Progress) -> Result<Levelled, Fault> {
+    /// Levels lines by their crossings.
+    fn levelled(
+        &self,
+        survey: gridding::SurveyPoints,
+        order: usize,
+        ties: Vec<usize>,
+        progress: Progress,
+    ) -> Result<Levelled, Fault> {
         progress("levelling lines", 0, 1);
         let crossings = CrossoverOptions { most_height_m: self.crossing_height_m, ..CrossoverOptions::default() };
         let found = find_crossovers(survey, &crossings);
@@ -228,7 +238,7 @@ impl MapGrid {
             let help = "leave `level_order` out, or raise `crossing_height_m`";
             return Err(Fault::data(what).help(help).of_param("level_order"));
         }
-        Ok(level_lines(survey, &found, &LevelOptions { order, ..LevelOptions::default() }))
+        Ok(level_lines(survey, &found, &LevelOptions { order, ties: Some(ties), ..LevelOptions::default() }))
     }
 
     fn options(&self) -> Result<GridOptions, Fault> {

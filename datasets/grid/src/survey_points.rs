@@ -5,9 +5,9 @@ use std::path::Path;
 
 use numerics::maps::plane_grid::{EvenAxis, PlaneGrid};
 
-use crate::{AnomalyGrid, Crs, Height, ReadError};
+use crate::{AnomalyGrid, Crs, Height, LineType, ReadError};
 
-/// Survey points in the file's order. Every vector except `lines` has one entry per point.
+/// Survey points in the file's order. Every vector except `lines` and `types` has one entry per point.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SurveyPoints {
     /// The projection of eastings and northings.
@@ -28,6 +28,8 @@ pub struct SurveyPoints {
     pub line: Vec<u32>,
     /// The names of the lines, in the order in which they first occur.
     pub lines: Vec<String>,
+    /// The type of each line; `None` where the file does not give it.
+    pub types: Vec<Option<LineType>>,
     /// Additional columns of the file for reductions.
     pub extra: Extra,
     /// The row of the file that each point comes from, the first being 0.
@@ -79,6 +81,7 @@ impl SurveyPoints {
             value_nt: unknown,
             line: vec![0; row.len()],
             lines: vec![String::new()],
+            types: vec![None],
             extra: Extra::default(),
             row,
             notes,
@@ -93,6 +96,19 @@ impl SurveyPoints {
         let unit_m = self.crs.unit_m();
         let axis = |a: EvenAxis| EvenAxis { first: a.first / unit_m, step: a.step / unit_m, len: a.len };
         AnomalyGrid::new(axis(grid.east_m), axis(grid.north_m), self.crs.clone(), grid.values, height)
+    }
+
+    /// The lines that are ties, of those that look like ties: the type of a line takes precedence, where the points have
+    /// ties by their type.
+    pub fn ties(&self, alike: &[usize]) -> Vec<usize> {
+        let of = |line: usize| self.types.get(line).copied().flatten();
+        let typed = self.types.contains(&Some(LineType::Tie));
+        let is_tie = |line: &usize| match of(*line) {
+            Some(LineType::Tie) => true,
+            Some(LineType::Line) if typed => false,
+            _ => alike.contains(line),
+        };
+        (0..self.lines.len()).filter(is_tie).collect()
     }
 
     /// The number of points.

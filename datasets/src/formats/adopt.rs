@@ -210,6 +210,11 @@ pub(super) fn unit_of_name(name: &str) -> Option<String> {
     unit_name::kept_unit(name)
 }
 
+/// The same, or a text that looks like a unit and is not known, so that it is an error wherever the unit matters.
+pub(super) fn any_unit_of_name(name: &str) -> Option<String> {
+    unit_of_name(name).or_else(|| unit_name::unknown_unit(name))
+}
+
 /// The values of a column in the unit that its format expects (`counted`; the canonical one where that is empty),
 /// and that unit.
 ///

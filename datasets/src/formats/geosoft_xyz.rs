@@ -1,12 +1,11 @@
-//! Geosoft's XYZ exports: comments after `/`, the last of them before the data names the columns, a record `Line 10` or
-//! `Tie T5` before the rows of each line, `//Flight` and `//Date` before those that they are of, `*` for what is missing.
+//! Geosoft's XYZ exports: comments after `/`, the last of them before the data names the columns, a record such as `Line 10`
+//! or `Tie T5` before the rows of each line, `//Flight` and `//Date` before those that they are of, `*` for what is missing.
 //! [Seequent, Oasis montaj, Geosoft XYZ file format]
 //!
 //! Columns keep the file's names; records become `line`, `flight`, `year` and `doy`. The file is read twice: once to settle
 //! which columns are numbers, once for the values.
 
 use std::{
-    fs::File,
     io::{BufRead, BufReader},
     path::{Path, PathBuf},
 };
@@ -15,7 +14,10 @@ use arrow_schema::SchemaRef;
 use numerics::earth::dates::day_of_year;
 
 use super::{
-    FlightFormat, FlightOptions, Head, Part, Raw, Reading, RowFault, csv, missing::Missing, text_table::record,
+    FlightFormat, FlightOptions, Head, Part, Raw, Reading, RowFault, csv,
+    line_records::{Names, Reads, Record, read, unknown},
+    missing::Missing,
+    text_end::{TextFile, is_whole},
 };
 use crate::{
     ReadError,
@@ -27,7 +29,7 @@ pub(super) const FORMAT: FlightFormat = FlightFormat {
     about: "XYZ export of Geosoft, with a record before each line: `Line 10`",
     extensions: &[],
     recognise: |head: &Head| {
-        let mut kinds = head.text_lines().map(|line| kind(&line));
+        let mut kinds = head.text_lines().map(|line| kind(&line, None));
         let first = kinds.next();
         match first {
             Some(Kind::Record(_) | Kind::Flight(_) | Kind::Date(_)) => true,
@@ -51,11 +53,14 @@ enum Kind {
     Comment(Vec<String>),
     Flight(String),
     Date(String),
-    Record(String),
+    Record(Record),
+    /// A text like a line record that is none.
+    Unknown(Vec<String>),
     Row(Vec<String>),
 }
 
-fn kind(text: &str) -> Kind {
+/// The kind of a line of text; `width` is the number of values in a row, where that is known.
+fn kind(text: &str, width: Option<usize>) -> Kind {
     let text = text.trim().trim_start_matches('\u{feff}');
     if text.is_empty() {
         return Kind::Blank;
@@ -75,9 +80,10 @@ fn kind(text: &str) -> Kind {
         return Kind::Comment(words);
     }
     let borrowed: Vec<&str> = words.iter().map(String::as_str).collect();
-    match record(&borrowed) {
-        Some(name) => Kind::Record(name),
-        None => Kind::Row(words),
+    match read(&borrowed, width) {
+        Reads::Record(record) => Kind::Record(record),
+        Reads::Unknown => Kind::Unknown(words),
+        Reads::No => Kind::Row(words),
     }
 }
 
@@ -97,15 +103,17 @@ struct Found {
     /// Whether each column is of numbers.
     numbers: Vec<bool>,
     flights: bool,
-    lines: bool,
+    /// The line records.
+    lines: Names,
+    /// Texts like line records, with the first one's place in the file.
+    unknown: Option<(u64, Vec<String>, usize)>,
     dates: bool,
     /// A date that cannot be read.
     unread: Option<String>,
 }
 
 fn lines(path: &Path) -> Result<impl Iterator<Item = Result<String, ReadError>> + Send + 'static, ReadError> {
-    let file = File::open(path).map_err(|e| ReadError::io(path, &e))?;
-    let mut input = BufReader::with_capacity(1 << 20, file);
+    let mut input = BufReader::with_capacity(1 << 20, TextFile::open(path)?);
     let path = path.to_path_buf();
     Ok(std::iter::from_fn(move || {
         let mut bytes = vec![];
@@ -119,8 +127,11 @@ fn lines(path: &Path) -> Result<impl Iterator<Item = Result<String, ReadError>> 
 
 fn scan(path: &Path, missing: &Missing) -> Result<Found, ReadError> {
     let (mut found, mut comments) = (Found::default(), vec![]);
-    for line in lines(path)? {
-        match kind(&line?) {
+    // The columns of rows of a word and a number, which are unknown line records if there are other rows.
+    let mut pairs = vec![];
+    for (at, line) in (1..).zip(lines(path)?) {
+        let width = Some(found.numbers.len()).filter(|width| *width > 0);
+        match kind(&line?, width) {
             Kind::Blank => {}
             Kind::Comment(words) if found.numbers.is_empty() => comments.push(words),
             Kind::Comment(_) => {}
@@ -129,17 +140,20 @@ fn scan(path: &Path, missing: &Missing) -> Result<Found, ReadError> {
                 Some(_) => found.dates = true,
                 None => found.unread = Some(text),
             },
-            Kind::Record(_) => found.lines = true,
-            Kind::Row(words) => {
-                if found.numbers.is_empty() {
-                    found.numbers = vec![true; words.len()];
-                }
-                if words.len() == found.numbers.len() {
-                    let one = |(is, word): (&mut bool, &String)| *is = *is && missing.number(word).is_some();
-                    found.numbers.iter_mut().zip(&words).for_each(one);
-                }
+            Kind::Record(record) => found.lines.add(&record),
+            Kind::Unknown(words) => found.add_unknown(at, words),
+            Kind::Row(words) if width.is_none() && looks_unknown(&words) => {
+                numbers(&mut pairs, &words, missing);
+                found.add_unknown(at, words);
             }
+            Kind::Row(words) => numbers(&mut found.numbers, &words, missing),
         }
+    }
+    if found.numbers.is_empty() {
+        (found.numbers, found.unknown) = (pairs, None);
+    }
+    if !found.has_numbers_first() {
+        found.unknown = None;
     }
     let width = found.numbers.len();
     if width == 0 {
@@ -160,6 +174,49 @@ fn scan(path: &Path, missing: &Missing) -> Result<Found, ReadError> {
     Ok(found)
 }
 
+/// Whether the words would be an unknown line record before a row of three values.
+fn looks_unknown(words: &[String]) -> bool {
+    let borrowed: Vec<&str> = words.iter().map(String::as_str).collect();
+    words.len() == 2 && read(&borrowed, Some(3)) == Reads::Unknown
+}
+
+/// Narrows the columns of numbers to those that are so in a row.
+fn numbers(columns: &mut Vec<bool>, words: &[String], missing: &Missing) {
+    if columns.is_empty() {
+        *columns = vec![true; words.len()];
+    }
+    if words.len() == columns.len() {
+        let one = |(is, word): (&mut bool, &String)| *is = *is && missing.number(word).is_some();
+        columns.iter_mut().zip(words).for_each(one);
+    }
+}
+
+impl Found {
+    fn has_lines(&self) -> bool {
+        !self.lines.is_empty() || self.unknown.is_some()
+    }
+
+    /// Whether a row begins with a number, so that one that begins with a word is none.
+    fn has_numbers_first(&self) -> bool {
+        self.numbers.first() == Some(&true)
+    }
+
+    fn add_unknown(&mut self, at: u64, words: Vec<String>) {
+        match &mut self.unknown {
+            Some((.., n)) => *n += 1,
+            none => *none = Some((at, words, 1)),
+        }
+    }
+
+    /// The note on texts like line records.
+    fn unknown_note(&self) -> Option<String> {
+        let (at, words, n) = self.unknown.as_ref()?;
+        let words: Vec<&str> = words.iter().map(String::as_str).collect();
+        let more = if *n > 1 { format!("; {n} such lines") } else { String::new() };
+        Some(format!("line {at}: {}; the rows after it are a line that cannot be used{more}", unknown(&words)))
+    }
+}
+
 fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadError> {
     let missing = Missing::of(options);
     let found = scan(path, &missing)?;
@@ -171,28 +228,32 @@ fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadEr
             found.names.len()
         ));
     }
+    notes
+        .extend([found.lines.note(), found.unknown_note()].into_iter().flatten().map(|note| format!("{file}: {note}")));
     if let Some(text) = &found.unread {
         notes.push(format!("{file}: the date `{text}` cannot be read, as 2020/06/29 can; the rows after it have none"));
     }
-    if csv::ends_with_newline(path).is_ok_and(|ends| !ends) {
+    if is_whole(path).is_ok_and(|ends| !ends) {
         notes.push(format!(
             "{file}: the file does not end with a newline, so it may be cut short inside its last value"
         ));
     }
     let empty = Gathered::new(found.names.len());
     let schema = empty.table(&found).schema();
+    let line_types = found.lines.types();
     let rows = Rows {
         path: path.to_path_buf(),
         lines: Box::new(lines(path)?),
         found,
         missing,
         now: Now::default(),
+        unknown: None,
         row: 0,
         text_line: 0,
         done: false,
         schema: schema.clone(),
     };
-    Ok(Raw { notes, ..Raw::new(schema, Box::new(rows)) })
+    Ok(Raw { notes, line_types, ..Raw::new(schema, Box::new(rows)) })
 }
 
 /// What the records say of the rows after them.
@@ -223,7 +284,7 @@ impl Gathered {
         if found.flights && !has("flight") {
             table.push("flight", "", text(|now| &now.flight));
         }
-        if found.lines && !has("line") {
+        if found.has_lines() && !has("line") {
             table.push("line", "", text(|now| &now.line));
         }
         if found.dates && !has("year") && !has("doy") {
@@ -246,6 +307,8 @@ struct Rows {
     found: Found,
     missing: Missing,
     now: Now,
+    /// The fault of a text like a line record, for the first row after it.
+    unknown: Option<ReadError>,
     row: u64,
     text_line: u64,
     done: bool,
@@ -256,16 +319,21 @@ impl Iterator for Rows {
     type Item = Result<Part, ReadError>;
 
     fn next(&mut self) -> Option<Self::Item> {
-        let mut gathered = Gathered::new(self.found.names.len());
+        let width = self.found.names.len();
+        let mut gathered = Gathered::new(width);
         while !self.done && gathered.rows.len() < ROWS {
             match self.lines.next() {
                 Some(Ok(line)) => {
                     self.text_line += 1;
-                    match kind(&line) {
+                    match kind(&line, Some(width)) {
                         Kind::Blank | Kind::Comment(_) => {}
                         Kind::Flight(flight) => self.now.flight = flight,
                         Kind::Date(text) => self.now.date = date(&text),
-                        Kind::Record(name) => self.now.line = name,
+                        Kind::Record(record) => {
+                            (self.now.line, self.unknown) = (self.found.lines.name(&record), None);
+                        }
+                        Kind::Unknown(words) if self.found.has_numbers_first() => self.begin_unknown(&words),
+                        Kind::Unknown(words) => self.gather(&words, &mut gathered),
                         Kind::Row(words) => self.gather(&words, &mut gathered),
                     }
                 }
@@ -287,9 +355,20 @@ impl Iterator for Rows {
 }
 
 impl Rows {
+    /// Begins a line of a record that is not one, whose rows are of no other line.
+    fn begin_unknown(&mut self, words: &[String]) {
+        let borrowed: Vec<&str> = words.iter().map(String::as_str).collect();
+        self.now.line = words.join(" ");
+        let fault = ReadError::data(&self.path, unknown(&borrowed)).in_row(self.row);
+        self.unknown = Some(fault.help(format!("line {} of the file", self.text_line)));
+    }
+
     fn gather(&mut self, words: &[String], to: &mut Gathered) {
         let width = self.found.names.len();
         let whole = words.len() == width;
+        if let Some(fault) = self.unknown.take() {
+            to.faults.push(RowFault { row: to.rows.len(), fault });
+        }
         if !whole {
             let what = format!("the row has {} values where the others have {width}", words.len());
             let fault =
@@ -324,64 +403,4 @@ fn date(text: &str) -> Option<(i32, u32)> {
 }
 
 #[cfg(test)]
-mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
-    use std::fs;
-
-    use arrow_array::{Array, cast::AsArray, types::Int64Type};
-
-    use super::super::{log_tests::numbers, open_flight, open_raw};
-    use super::*;
-
-    /// As the help of Oasis montaj describes the format.
-    const EXPORT: &str = "/ ------------------------------------------------------------------------------\n\
-        / XYZ EXPORT [06/29/2020]\n/ DATABASE   [.\\survey.gdb]\n\
-        / ------------------------------------------------------------------------------\n\
-        /\n/      X            Y       UTC_time    MAG_nT   Note\n/========= ============ ========== ========= ======\n\
-        //Flight 7\n//Date 2020/06/29\n\
-        Line  L1030:2\n   450110.2  4975100.1   43200.00  54321.12      a\n   450111.2  4975101.1   43200.10         *      b\n\
-        Tie   T9010\n   450112.2  4975102.1   43300.00  -99999     *\n\
-        //Flight 8\n//Date 2020/06/30\nLine  L1040\n   450113.2  4975103.1   10.00  54000.5      a\n";
-
-    #[test]
-    fn ref_an_export_of_oasis_montaj() {
-        let folder = tempfile::TempDir::new().unwrap();
-        let path = folder.path().join("a.xyz");
-        fs::write(&path, EXPORT).unwrap();
-        let renamed = [("UTC_time", "tt"), ("MAG_nT", "mag_1_uc")].map(|(a, b)| (a.to_owned(), b.to_owned()));
-        let options = FlightOptions { rename: renamed.into(), ..FlightOptions::default() };
-        let mut reader = open_flight(&path, &options).unwrap();
-        assert_eq!(reader.format(), "geosoft_xyz");
-        let flight = reader.next().unwrap().unwrap();
-        let texts = |name: &str| {
-            let column = flight.column_by_name(name).unwrap().as_string::<i32>();
-            (0..column.len()).map(|i| column.value(i).to_owned()).collect::<Vec<_>>()
-        };
-        assert_eq!(texts("line"), ["L1030:2", "L1030:2", "T9010", "L1040"]);
-        assert_eq!(texts("flight"), ["7", "7", "7", "8"]);
-        assert_eq!(texts("Note"), ["a", "b", "*", "a"]);
-        assert_eq!(flight.column_by_name("doy").unwrap().as_primitive::<Int64Type>().values(), &[181, 181, 181, 182]);
-        assert_eq!(numbers(&flight, "tt"), [43_200.0, 43_200.1, 43_300.0, 10.0]);
-        let mag = numbers(&flight, "mag_1_uc");
-        assert!(mag[0] == 54_321.12 && mag[1].is_nan() && mag[2].is_nan() && mag[3] == 54_000.5, "{mag:?}");
-    }
-
-    #[test]
-    fn unit_what_is_wrong_is_said_with_its_line() {
-        let folder = tempfile::TempDir::new().unwrap();
-        let path = folder.path().join("a.xyz");
-        fs::write(&path, "//Date 29 June\nLine 10\n1,2,3\n1,2\nL20\n4,5,6").unwrap();
-        let mut reader = open_raw(&path, &FlightOptions::default(), &Reading::default()).unwrap();
-        let said = reader.notes().join("\n");
-        for words in ["column_1, column_2", "the date `29 June` cannot be read", "does not end with a newline"] {
-            assert!(said.contains(words), "{said}");
-        }
-        let part = reader.next_part().unwrap().unwrap();
-        assert_eq!(numbers(&part.batch, "column_3")[2], 6.0);
-        let fault = part.faults[0].fault.to_string();
-        assert!(fault.ends_with("row 1: the row has 2 values where the others have 3 (line 4 of the file)"), "{fault}");
-        fs::write(&path, "/ x y\nLine 10\n").unwrap();
-        assert!(open_raw(&path, &FlightOptions::default(), &Reading::default()).is_err());
-    }
-}
+mod tests;

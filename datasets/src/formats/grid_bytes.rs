@@ -2,7 +2,10 @@
 
 use std::{io::Write, path::Path};
 
-use super::output::{Outputs, Sink};
+use super::{
+    output::{Outputs, Sink},
+    text_end,
+};
 use crate::ReadError;
 use grids::{AnomalyGrid, Height};
 
@@ -14,7 +17,7 @@ pub(super) const SURFER_BLANK: f64 = 1.701_41e38;
 /// # Errors
 /// Fails for a file that cannot be read or holds binary data.
 pub(super) fn text_of(path: &Path) -> Result<String, ReadError> {
-    let bytes = bytes_of(path)?;
+    let bytes = text_end::read(path)?;
     if bytes.contains(&0) {
         return Err(ReadError::data(path, "the file is not text"));
     }

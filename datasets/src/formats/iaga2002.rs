@@ -8,7 +8,7 @@ use numerics::earth::dates::{day_of_year, days_in_year};
 use super::{
     FlightFormat,
     declination::{self, Sighting},
-    observatory,
+    observatory, text_end,
 };
 use crate::ReadError;
 
@@ -174,7 +174,7 @@ struct Head {
 /// Fails for a file that is not an IAGA-2002 record, a line that cannot be read, samples at uneven times, and a header
 /// that contradicts its columns or the IGRF by the factor of a unit.
 pub fn read_iaga2002(path: &Path) -> Result<ObservatoryRecord, ReadError> {
-    let bytes = std::fs::read(path).map_err(|e| ReadError::io(path, &e))?;
+    let bytes = text_end::read(path)?;
     parse(path, &String::from_utf8_lossy(&bytes))
 }
 

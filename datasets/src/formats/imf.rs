@@ -9,7 +9,7 @@ use super::{
     FlightFormat,
     declination::{self, Sighting},
     iaga2002::{Kind, ObservatoryRecord, Sample, days_between, even, total_nt},
-    observatory,
+    observatory, text_end,
 };
 use crate::ReadError;
 
@@ -80,7 +80,7 @@ impl Block {
 /// Fails for a file that is not in this format, a line that cannot be read, a block that is cut off, headers that
 /// contradict each other or themselves, and hours that do not follow one another.
 pub fn read_imf(path: &Path) -> Result<ObservatoryRecord, ReadError> {
-    let bytes = std::fs::read(path).map_err(|e| ReadError::io(path, &e))?;
+    let bytes = text_end::read(path)?;
     parse(path, &String::from_utf8_lossy(&bytes))
 }
 

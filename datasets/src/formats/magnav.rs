@@ -3,6 +3,8 @@
 
 use std::path::Path;
 
+use schemas::canonical::identifier;
+
 use super::{FlightOptions, RowFault};
 use crate::{
     ReadError,
@@ -49,7 +51,7 @@ pub(super) fn finish(
     for (name, given) in [("line", &options.line), ("flight", &options.flight)] {
         let values = match table.take(name) {
             Some(Values::Number(x)) => {
-                x.iter().map(|x| if x.is_finite() { x.to_string() } else { String::new() }).collect()
+                x.iter().map(|x| if x.is_finite() { identifier(*x) } else { String::new() }).collect()
             }
             Some(Values::Text(x)) => x,
             _ => vec![given.clone().unwrap_or_else(|| "1".to_owned()); rows],

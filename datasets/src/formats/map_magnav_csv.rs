@@ -7,6 +7,7 @@ use super::{
     Head, MapFormat, MapOptions,
     csv::number,
     map_magnav_hdf5::{NOTE, unknown_where_zero},
+    text_end,
 };
 use crate::{
     ReadError,
@@ -77,7 +78,8 @@ impl Cells<'_> {
 
 /// A file of numbers without a header, row by row.
 fn numbers(path: &Path) -> Result<Vec<Vec<f64>>, ReadError> {
-    let text = std::fs::read_to_string(path).map_err(|e| ReadError::io(path, &e))?;
+    let bytes = text_end::read(path)?;
+    let text = String::from_utf8(bytes).map_err(|_| ReadError::data(path, "the file is not text"))?;
     let lines = text.lines().enumerate().filter(|(_, l)| !l.trim().is_empty());
     let rows = lines.map(|(row, line)| {
         let one = |word: &str| {

@@ -31,10 +31,10 @@ pub(super) const FORMAT: MapFormat = MapFormat {
 
 /// Text whose first rows are of three numbers or more, except for a header.
 fn recognise(head: &Head) -> bool {
-    if head.bytes.contains(&0) {
+    if head.text().contains(&0) {
         return false;
     }
-    let start = String::from_utf8_lossy(&head.bytes);
+    let start = String::from_utf8_lossy(head.text());
     let rows = start.lines().map(str::trim).filter(|l| !l.is_empty() && !l.starts_with(['#', '/', '!', '%', '>']));
     let numeric = |line: &str| {
         let words: Vec<&str> = line.split([',', ';', '\t', ' ']).filter(|w| !w.is_empty()).collect();

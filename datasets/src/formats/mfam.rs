@@ -7,10 +7,7 @@
 //! geoid it is `alt`. NMEA sentences and events, from the column `GgaSentence` on, are not read.
 //! [Geometrics, MagArrow User Manual, section Data Format]
 
-use std::{
-    fs::File,
-    path::{Path, PathBuf},
-};
+use std::path::{Path, PathBuf};
 
 use arrow_schema::SchemaRef;
 use csv::ByteRecord;
@@ -22,6 +19,7 @@ use super::{
     csv as plain,
     iaga2002::days_between,
     missing::Missing,
+    text_end::{TextFile, is_whole},
 };
 use crate::{
     ReadError,
@@ -118,11 +116,11 @@ fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadEr
     }
     let own = columns.iter().filter(|c| !WHEN.contains(&c.header.as_str()) && !COMPASS.contains(&c.header.as_str()));
     let own = own.flat_map(|c| [c.header.clone(), c.meant.clone()]).collect();
-    let file = File::open(path).map_err(|e| ReadError::io(path, &e))?;
+    let file = TextFile::open(path)?;
     let reader = csv::ReaderBuilder::new().flexible(true).from_reader(file);
     let rows = Rows { path: path.to_path_buf(), columns, rest, missing: Missing::of(options), day: None };
     let schema = rows.table(&Gathered::new(&rows.columns))?.schema();
-    let notes = match plain::ends_with_newline(path) {
+    let notes = match is_whole(path) {
         Ok(false) => vec![format!("{}: the file does not end with a newline, so it may be truncated", path.display())],
         _ => vec![],
     };
@@ -161,7 +159,7 @@ struct Rows {
 
 struct Batches {
     rows: Rows,
-    reader: csv::Reader<File>,
+    reader: csv::Reader<TextFile>,
     schema: SchemaRef,
     row: u64,
     done: bool,

@@ -15,7 +15,7 @@ use arrow_schema::SchemaRef;
 
 use crate::ReadError;
 pub use crate::row_fault::RowFault;
-use grids::AnomalyGrid;
+use grids::{AnomalyGrid, LineType};
 
 mod adopt;
 mod csv;
@@ -34,6 +34,7 @@ mod hdf5_early;
 mod iaga2002;
 mod imf;
 mod limits;
+mod line_records;
 mod magnav;
 mod magnav_csv;
 mod magnav_hdf5;
@@ -69,6 +70,7 @@ mod sgl_hdf5;
 mod sgl_xyz;
 pub(crate) mod side_files;
 mod stream;
+mod text_end;
 mod text_table;
 mod tiff_directories;
 mod topics;
@@ -110,6 +112,7 @@ pub struct FlightReader {
     schema: SchemaRef,
     notes: Vec<String>,
     found: Option<String>,
+    line_types: BTreeMap<String, LineType>,
     parts: Parts,
 }
 
@@ -150,12 +153,23 @@ pub struct Raw {
     pub notes: Vec<String>,
     /// The result of scanning the whole file.
     pub found: Option<String>,
+    /// The types of the lines by their names, where the file gives them.
+    pub line_types: BTreeMap<String, LineType>,
 }
 
 impl Raw {
     /// Columns under the file's own names.
     pub fn new(schema: SchemaRef, parts: Parts) -> Raw {
-        Raw { schema, parts, own: None, fillers: false, unstated: false, notes: vec![], found: None }
+        Raw {
+            schema,
+            parts,
+            own: None,
+            fillers: false,
+            unstated: false,
+            notes: vec![],
+            found: None,
+            line_types: BTreeMap::new(),
+        }
     }
 }
 
@@ -184,6 +198,11 @@ impl FlightReader {
     /// needed.
     pub fn found(&self) -> Option<&str> {
         self.found.as_deref()
+    }
+
+    /// The types of the lines by their names, where the file gives them, as the line records of Geosoft do.
+    pub fn line_types(&self) -> &BTreeMap<String, LineType> {
+        &self.line_types
     }
 
     /// The next rows, with the faults of single rows, for a reader that tolerates them.
@@ -250,20 +269,25 @@ impl Head<'_> {
         self.bytes.get(offset..).is_some_and(|bytes| bytes.starts_with(magic))
     }
 
+    /// The bytes without the end-of-file mark of a short text.
+    fn text(&self) -> &[u8] {
+        text_end::without_mark(&self.bytes)
+    }
+
     /// The lines at the start of the file, the last of them perhaps cut, where it is text.
     fn text_lines(&self) -> impl Iterator<Item = String> {
         let text =
-            if self.bytes.contains(&0) { String::new() } else { String::from_utf8_lossy(&self.bytes).into_owned() };
+            if self.text().contains(&0) { String::new() } else { String::from_utf8_lossy(self.text()).into_owned() };
         let lines: Vec<String> = text.lines().filter(|l| !l.trim().is_empty()).map(str::to_owned).collect();
         lines.into_iter()
     }
 
     /// The first line that is not blank, where the start of the file is text.
     pub fn first_line(&self) -> Option<String> {
-        if self.bytes.contains(&0) {
+        if self.text().contains(&0) {
             return None;
         }
-        let text = String::from_utf8_lossy(&self.bytes);
+        let text = String::from_utf8_lossy(self.text());
         text.trim_start_matches('\u{feff}').lines().find(|l| !l.trim().is_empty()).map(str::to_owned)
     }
 
@@ -454,8 +478,8 @@ fn format_of(formats: &[FlightFormat], path: &Path, options: &FlightOptions) -> 
 }
 
 fn reader(format: FlightFormat, raw: Raw) -> FlightReader {
-    let Raw { schema, notes, found, parts, .. } = raw;
-    FlightReader { format, schema, notes, found, parts }
+    let Raw { schema, notes, found, parts, line_types, .. } = raw;
+    FlightReader { format, schema, notes, found, line_types, parts }
 }
 
 /// Reads a map and brings it onto a regular grid of latitude and longitude.

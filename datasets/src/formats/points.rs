@@ -16,7 +16,7 @@ use crate::{
     ReadError,
     grid::{AxisUnit, Origin, Unit, accepted, check_values, without_markers},
 };
-use grids::{Crs, Extra, SurveyPoints, WGS84, metres, no_metres, plane};
+use grids::{Crs, Extra, LineType, SurveyPoints, WGS84, metres, no_metres, plane};
 
 /// Options for reading survey points. Columns without a name here are found by the usual names.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -152,6 +152,14 @@ pub fn doubts(points: &SurveyPoints) -> Vec<String> {
     said
 }
 
+/// The lines of points.
+struct Lines {
+    /// The line of each point.
+    line: Vec<u32>,
+    lines: Vec<String>,
+    types: Vec<Option<LineType>>,
+}
+
 /// The columns to read.
 struct Found<'a> {
     table: &'a Table,
@@ -204,6 +212,7 @@ impl<'a> Found<'a> {
             None if !self.table.records.is_empty() => notes.push("lines from the file's line records".to_owned()),
             None => notes.push("the file names no lines".to_owned()),
         }
+        notes.extend(self.table.notes.iter().cloned());
         notes
     }
 
@@ -238,7 +247,7 @@ impl<'a> Found<'a> {
         let height_m = self.height.map(|c| self.heights(path, c, options, &missing, &mut notes)).transpose()?;
         let (factor, unit) = self.value.factor(path, "nT")?;
         let mut value_nt = pick(&self.value.numbers(path)?);
-        let (line, lines) = self.lines(&kept);
+        let Lines { line, lines, types } = self.lines(&kept);
         if kept.len() < self.table.rows {
             notes.push(format!("{} points without a position are skipped", self.table.rows - kept.len()));
         }
@@ -269,6 +278,7 @@ impl<'a> Found<'a> {
             value_nt,
             line,
             lines,
+            types,
             extra,
             row,
             notes,
@@ -337,11 +347,14 @@ impl<'a> Found<'a> {
         Ok(places)
     }
 
-    /// The line of each point and the lines' names. Lines with the same name in two flights are distinct.
-    fn lines(&self, rows: &[usize]) -> (Vec<u32>, Vec<String>) {
+    /// The line of each point, and the lines. Lines with the same name in two flights are distinct.
+    fn lines(&self, rows: &[usize]) -> Lines {
+        let recorded = self.line.is_none_or(|column| column.name == "line");
+        let own = self.line.map_or_else(|| self.table.recorded_lines(), Column::texts);
+        let kind = |row: usize| own.get(row).filter(|_| recorded).and_then(|name| self.table.types.get(name)).copied();
         let names: Vec<String> = match self.line {
-            Some(column) => {
-                let names = column.texts();
+            Some(_) => {
+                let names = own.clone();
                 let flights = self.table.column("flight").map(Column::texts);
                 let several = flights.as_ref().is_some_and(|f| f.iter().any(|one| Some(one) != f.first()));
                 match flights.filter(|_| several) {
@@ -349,18 +362,20 @@ impl<'a> Found<'a> {
                     None => names,
                 }
             }
-            None => self.table.recorded_lines(),
+            None => own.clone(),
         };
-        let mut lines: Vec<String> = vec![];
+        let (mut lines, mut types): (Vec<String>, Vec<Option<LineType>>) = (vec![], vec![]);
         let mut places = std::collections::HashMap::new();
         let mut of = |row: &usize| {
             let name = names.get(*row).cloned().unwrap_or_default();
             *places.entry(name.clone()).or_insert_with(|| {
                 lines.push(name);
+                types.push(kind(*row));
                 lines.len() as u32 - 1
             })
         };
-        (rows.iter().map(&mut of).collect(), lines)
+        let line = rows.iter().map(&mut of).collect();
+        Lines { line, lines, types }
     }
 
     fn extra(&self, path: &Path, pick: &dyn Fn(&[f64]) -> Vec<f64>) -> Result<Extra, ReadError> {

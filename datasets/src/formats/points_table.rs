@@ -1,13 +1,16 @@
 //! The table of survey points: Parquet, text or a flight log, as columns with their units.
 
-use std::path::Path;
+use std::{collections::BTreeMap, path::Path};
 
 use arrow_array::{Array, ArrayRef, RecordBatch, cast::AsArray, types::Float64Type};
 use arrow_cast::cast;
 use arrow_schema::{DataType, SchemaRef};
-use schemas::convert;
+use grids::LineType;
+use schemas::{canonical::identifiers, convert};
 
-use super::{FLIGHT_FORMATS, FlightOptions, Head, adopt, foreign, open_flight, parquet, text_table};
+use super::{
+    FLIGHT_FORMATS, FlightOptions, Head, adopt, foreign, line_records::Names, open_flight, parquet, text_table,
+};
 use crate::{
     ReadError,
     grid::{AxisUnit, is_dummy, split_unit},
@@ -29,8 +32,12 @@ pub(super) struct Column {
 pub(super) struct Table {
     pub(super) columns: Vec<Column>,
     pub(super) rows: usize,
-    /// The row after each line record, and the name in the record.
+    /// The row that follows each line record, and the name of its line.
     pub(super) records: Vec<(usize, String)>,
+    /// The types of the lines by their names, where the file gives them.
+    pub(super) types: BTreeMap<String, LineType>,
+    /// Notes on the lines.
+    pub(super) notes: Vec<String>,
 }
 
 /// Loads a table, by its name or its content.
@@ -83,19 +90,29 @@ fn from_flight(path: &Path, format: Option<&str>) -> Result<Table, ReadError> {
     if reader.format() == "sgl_xyz" && !["lat", "lon"].iter().all(|n| schema.field_with_name(n).is_ok()) {
         return Err(ReadError::data(path, "the file is not a flight log"));
     }
+    let (types, notes) = (reader.line_types().clone(), reader.notes().to_vec());
     let batches = reader.collect::<Result<Vec<_>, _>>()?;
-    Ok(of_batches(&schema, &batches))
+    let notes = if types.is_empty() { vec![] } else { notes };
+    let own = format!("{}: ", path.display());
+    let notes = notes.into_iter().map(|note| note.strip_prefix(&own).map(str::to_owned).unwrap_or(note)).collect();
+    Ok(Table { types, notes, ..of_batches(&schema, &batches) })
 }
 
 fn of_batches(schema: &SchemaRef, batches: &[RecordBatch]) -> Table {
     let column = |(i, field): (usize, &std::sync::Arc<arrow_schema::Field>)| {
         let said = field.metadata().get("unit").filter(|u| !u.is_empty()).cloned();
-        let unit = said.or_else(|| adopt::unit_of_name(field.name())).unwrap_or_default();
+        let unit = said.or_else(|| adopt::any_unit_of_name(field.name())).unwrap_or_default();
         let chunks = batches.iter().map(|b| b.column(i).clone()).collect();
         Column { name: field.name().clone(), unit, chunks }
     };
     let rows = batches.iter().map(RecordBatch::num_rows).sum();
-    Table { columns: schema.fields().iter().enumerate().map(column).collect(), rows, records: vec![] }
+    Table {
+        columns: schema.fields().iter().enumerate().map(column).collect(),
+        rows,
+        records: vec![],
+        types: BTreeMap::new(),
+        notes: vec![],
+    }
 }
 
 fn from_text(path: &Path) -> Result<Table, ReadError> {
@@ -106,11 +123,14 @@ fn from_text(path: &Path) -> Result<Table, ReadError> {
     }
     let rows = text.columns.first().map_or(0, Values::len);
     let column = |(name, values): (String, Values)| {
-        let unit = adopt::unit_of_name(&name).unwrap_or_default();
+        let unit = adopt::any_unit_of_name(&name).unwrap_or_default();
         Column { name, unit, chunks: vec![array(values)] }
     };
     let columns = names.into_iter().zip(text.columns).map(column).collect();
-    Ok(Table { columns, rows, records: text.records })
+    let mut lines = Names::default();
+    text.records.iter().for_each(|(_, record)| lines.add(record));
+    let records = text.records.iter().map(|(row, record)| (*row, lines.name(record))).collect();
+    Ok(Table { columns, rows, records, types: lines.types(), notes: lines.note().into_iter().collect() })
 }
 
 impl Table {
@@ -253,10 +273,7 @@ impl Column {
 }
 
 fn texts(chunk: &ArrayRef) -> Vec<String> {
-    if let Some(numbers) = chunk.as_primitive_opt::<Float64Type>() {
-        // The shortest spelling: line 10 is not `10.0`.
-        return numbers.iter().map(|x| x.map_or_else(String::new, |x| x.to_string())).collect();
-    }
-    let Ok(text) = cast(chunk, &DataType::Utf8) else { return vec![String::new(); chunk.len()] };
+    // Line 10 is not `10.0`.
+    let Ok(text) = identifiers(chunk) else { return vec![String::new(); chunk.len()] };
     text.as_string::<i32>().iter().map(|t| t.unwrap_or_default().to_owned()).collect()
 }

@@ -3,6 +3,8 @@
 
 use std::path::Path;
 
+use schemas::canonical::{as_written, identifier};
+
 use super::RowFault;
 use crate::{
     ReadError,
@@ -147,7 +149,7 @@ pub(super) fn finish(path: &Path, mut table: Table) -> Result<(Table, Vec<RowFau
             table.push(name, "", values);
         }
     }
-    for (name, spell) in [("line", line_text as fn(f64) -> String), ("flight", |x| x.to_string())] {
+    for (name, spell) in [("line", line_text as fn(f64) -> String), ("flight", identifier)] {
         match table.take(name) {
             Some(Values::Number(x)) => {
                 // The merge of the lines reports a missing identifier.
@@ -163,6 +165,7 @@ pub(super) fn finish(path: &Path, mut table: Table) -> Result<(Table, Vec<RowFau
 
 /// `1003.1` is line `1003.10`: the surveys number lines with two decimals.
 fn line_text(x: f64) -> String {
+    let x = as_written(x);
     let hundredths = x * 100.0;
     if (hundredths - hundredths.round()).abs() < 1e-6 { format!("{x:.2}") } else { x.to_string() }
 }

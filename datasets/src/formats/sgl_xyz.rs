@@ -3,7 +3,6 @@
 //! is in memory.
 
 use std::{
-    fs::File,
     io::{BufRead, BufReader},
     path::{Path, PathBuf},
 };
@@ -11,10 +10,10 @@ use std::{
 use super::{
     FlightFormat, FlightOptions, Head, Part, Raw, Reading, RowFault,
     adopt::{Named, in_counted_unit, named},
-    csv::ends_with_newline,
     decimal,
     missing::Missing,
     sgl,
+    text_end::{TextFile, is_whole},
 };
 use crate::{
     ReadError,
@@ -46,7 +45,7 @@ fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadEr
     let own = rows.columns.iter().flat_map(|c| [c.header.clone(), c.meant.clone()]).collect();
     let empty = rows.table(Gathered::new(rows.columns.len()))?;
     let schema = sgl::finish(path, empty)?.0.schema();
-    let notes = match ends_with_newline(path) {
+    let notes = match is_whole(path) {
         Ok(false) => {
             let file = path.display();
             vec![format!("{file}: the file does not end with a newline, so it may be cut short inside its last value")]
@@ -135,7 +134,7 @@ impl Gathered {
 /// The rows of the file, one ahead.
 struct Rows {
     path: PathBuf,
-    input: BufReader<File>,
+    input: BufReader<TextFile>,
     columns: Vec<Column>,
     missing: Missing,
     ins_angle: &'static str,
@@ -152,7 +151,7 @@ struct Rows {
 impl Rows {
     /// Opens the file and reads up to the header.
     fn open(path: &Path, options: &FlightOptions) -> Result<Rows, ReadError> {
-        let input = BufReader::with_capacity(1 << 20, File::open(path).map_err(|e| ReadError::io(path, &e))?);
+        let input = BufReader::with_capacity(1 << 20, TextFile::open(path)?);
         let (columns, pending, missing) = (vec![], None, Missing::of(options));
         let (path_buf, keys, spare) = (path.to_path_buf(), vec![], Row::default());
         let ins_angle = "rad";

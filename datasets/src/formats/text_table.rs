@@ -3,7 +3,12 @@
 
 use std::path::Path;
 
-use super::{csv::number, decimal, missing};
+use super::{
+    csv::number,
+    decimal,
+    line_records::{Reads, Record, read as read_record, unknown},
+    missing, text_end,
+};
 use crate::{ReadError, grid::split_unit, table::Values};
 
 /// A table of text.
@@ -17,8 +22,8 @@ pub(super) struct TextTable {
     pub(super) columns: Vec<Values>,
     /// The comments, in order, without their mark.
     pub(super) comments: Vec<String>,
-    /// The row that each line record stands before, and the name in it.
-    pub(super) records: Vec<(usize, String)>,
+    /// The row that follows each line record, and the record.
+    pub(super) records: Vec<(usize, Record)>,
 }
 
 /// The kind of a line.
@@ -26,7 +31,7 @@ enum Line<'t, 'w> {
     /// Any line after the first row of names or values, to be classified by the caller.
     Text(&'t str),
     Comment(&'t str),
-    Record(String),
+    Record(Record),
     Names(&'w [&'t str]),
     /// A row, and the number of its line from 1.
     Row(&'w [&'t str], usize),
@@ -37,7 +42,7 @@ enum Line<'t, 'w> {
 /// # Errors
 /// Fails for a file that cannot be read or has no rows, and rows of unequal length.
 pub(super) fn read(path: &Path) -> Result<TextTable, ReadError> {
-    let bytes = std::fs::read(path).map_err(|e| ReadError::io(path, &e))?;
+    let bytes = text_end::read(path)?;
     if bytes.contains(&0) {
         return Err(ReadError::data(path, "the file is not text"));
     }
@@ -66,7 +71,7 @@ fn parse(path: &Path, text: &str) -> Result<TextTable, ReadError> {
                 rows += 1;
             }
             Line::Comment(comment) => table.comments.push(comment.to_owned()),
-            Line::Record(name) => table.records.push((rows, name)),
+            Line::Record(record) => table.records.push((rows, record)),
             Line::Names(names) => table.names = names.iter().map(|n| (*n).to_owned()).collect(),
             Line::Row(words, at) => {
                 if rows == 0 {
@@ -74,7 +79,7 @@ fn parse(path: &Path, text: &str) -> Result<TextTable, ReadError> {
                     columns = vec![Some(vec![]); width];
                 }
                 if words.len() != columns.len() {
-                    return Err(unequal(path, words.len(), columns.len(), rows, at));
+                    return Err(unequal(path, words, columns.len(), rows, at));
                 }
                 columns.iter_mut().zip(words).for_each(|(column, word)| put(column, word));
                 rows += 1;
@@ -97,10 +102,12 @@ fn parse(path: &Path, text: &str) -> Result<TextTable, ReadError> {
     Ok(table)
 }
 
-fn unequal(path: &Path, words: usize, width: usize, row: usize, at: usize) -> ReadError {
-    ReadError::data(path, format!("the row has {words} values where the others have {width}"))
-        .in_row(row as u64)
-        .help(format!("line {at} of the file"))
+fn unequal(path: &Path, words: &[&str], width: usize, row: usize, at: usize) -> ReadError {
+    let what = match read_record(words, Some(width)) {
+        Reads::Unknown => unknown(words),
+        Reads::Record(_) | Reads::No => format!("the row has {} values where the others have {width}", words.len()),
+    };
+    ReadError::data(path, what).in_row(row as u64).help(format!("line {at} of the file"))
 }
 
 /// Appends a number to a column of numbers.
@@ -129,7 +136,7 @@ fn texts(text: &str, column: usize, rows: usize) -> Result<Vec<String>, ReadErro
 /// Visits the lines that are not blank. `visit` returns whether it has consumed the line.
 fn scan<'t>(text: &'t str, mut visit: impl FnMut(Line<'t, '_>) -> Result<bool, ReadError>) -> Result<(), ReadError> {
     let mut words: Vec<&'t str> = vec![];
-    let mut begun = false;
+    let (mut begun, mut width) = (false, None);
     for (at, line) in text.lines().enumerate() {
         let line = line.trim();
         if line.is_empty() || (begun && visit(Line::Text(line))?) {
@@ -140,14 +147,14 @@ fn scan<'t>(text: &'t str, mut visit: impl FnMut(Line<'t, '_>) -> Result<bool, R
             continue;
         }
         split(line, &mut words);
-        if let Some(name) = record(&words) {
-            visit(Line::Record(name))?;
+        if let Reads::Record(record) = read_record(&words, width) {
+            visit(Line::Record(record))?;
         } else if !begun && is_header(&words) {
             visit(Line::Names(&words))?;
-            begun = true;
+            (begun, width) = (true, Some(words.len()));
         } else {
             visit(Line::Row(&words, at + 1))?;
-            begun = true;
+            (begun, width) = (true, width.or(Some(words.len())));
         }
     }
     Ok(())
@@ -232,20 +239,6 @@ fn split<'t>(line: &'t str, words: &mut Vec<&'t str>) {
     }
 }
 
-/// The name in a line record: `Line 10`, `TIE T5`, or `L10:2` alone.
-pub(super) fn record(words: &[&str]) -> Option<String> {
-    match words {
-        [kind, name] if ["line", "tie"].contains(&&*lower(kind)) && name.chars().any(|c| c.is_ascii_digit()) => {
-            Some((*name).to_owned())
-        }
-        [name] => {
-            let rest = name.strip_prefix(['L', 'T', 'B', 'l', 't', 'b'])?;
-            rest.starts_with(|c: char| c.is_ascii_digit()).then(|| (*name).to_owned())
-        }
-        _ => None,
-    }
-}
-
 /// Whether a row is one of names: none is a number, and one is a word that is not a missing value.
 fn is_header(words: &[&str]) -> bool {
     words.iter().all(|w| w.is_empty() || missing_or_number(w).is_none()) && words.iter().any(|w| !w.is_empty())
@@ -289,6 +282,8 @@ fn plain_numbers(line: &[u8], numbers: &mut Vec<f64>) -> bool {
 #[cfg(test)]
 mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+    use grids::LineType;
+
     use super::*;
 
     fn table(text: &str) -> TextTable {
@@ -319,8 +314,8 @@ mod tests {
     #[test]
     fn unit_line_records_stand_before_their_rows() {
         let table = table("/ x y mag\nLine 10\n1 2 3\n1 3 4\nTIE T20\n2 2 2\nL30:1\n5 5 5\n");
-        let records = [(0, "10".to_owned()), (2, "T20".to_owned()), (3, "L30:1".to_owned())];
-        assert_eq!(table.records, records);
+        let records = [(0, LineType::Line, "10"), (2, LineType::Tie, "T20"), (3, LineType::Line, "L30:1")];
+        assert_eq!(table.records, records.map(|(row, kind, name)| (row, Record { kind, name: name.to_owned() })));
         assert_eq!(table.numbers(Path::new("a"), 0).unwrap(), [1.0, 1.0, 2.0, 5.0]);
     }
 
@@ -333,6 +328,7 @@ mod tests {
             said("x,y,z\n1,2\n"),
             "a.xyz, row 0: the row has 2 values where the others have 3 (line 2 of the file)"
         );
+        assert!(said("x y z\nLine 1\n1 2 3\nFoo 2\n4 5 6\n").contains("row 1: `Foo 2` is not a line record"));
         assert_eq!(said("# nothing\n"), "a.xyz: the table has no rows");
         let text = table("x y z\n1 2 3\n1 2 high\n");
         let fault = text.numbers(Path::new("a.xyz"), 2).unwrap_err().to_string();

@@ -12,7 +12,7 @@ pub(super) enum Said {
     Unit(String),
     /// One or two letters at the end that are a unit, or an abbreviation of something else.
     Perhaps(String),
-    /// In brackets, something that is not a known unit.
+    /// In brackets, a text that is not a known unit; or an end that looks like a unit and is not known.
     Unknown(String),
 }
 
@@ -46,8 +46,10 @@ const QUALIFIERS: &[&str] = &[
 ];
 
 /// Letters at the end of a name that are as often something else: `Flux_A` is a sensor, `vel_ns` a direction.
-const AMBIGUOUS: &[&str] =
-    &["ns", "us", "ma", "mg", "mt", "mv", "ut", "min", "hr", "kn", "kt", "dps", "mm", "cm", "fpm", "mph", "pa"];
+const AMBIGUOUS: &[&str] = &[
+    "ns", "us", "ma", "mg", "mt", "mv", "ut", "min", "hr", "kn", "kt", "dps", "mm", "cm", "fpm", "mph", "pa", "pt",
+    "bar", "gon",
+];
 
 /// The unit that the name of a column implies. A standard name implies none: the `t` of
 /// `flux_a_t` and the `a` of `flux_a` are not units.
@@ -82,6 +84,18 @@ pub(super) fn kept_unit(name: &str) -> Option<String> {
     }
 }
 
+/// A text at the end of a name, or in brackets there, that looks like a unit and is not known.
+pub(super) fn unknown_unit(name: &str) -> Option<String> {
+    if matches!(said_by(name), Said::Unit(_) | Said::Perhaps(_)) {
+        return None;
+    }
+    let end = bracketed(name).map_or_else(|| name.to_owned(), |inside| format!("in {inside}"));
+    match unknown_end(&end) {
+        Said::Unknown(unit) => Some(unit),
+        Said::Nothing | Said::Unit(_) | Said::Perhaps(_) => None,
+    }
+}
+
 /// The text in brackets at the end.
 fn bracketed(name: &str) -> Option<&str> {
     [('(', ')'), ('[', ']'), ('{', '}')].into_iter().find_map(|(open, close)| {
@@ -109,7 +123,7 @@ fn said_by_end(name: &str) -> Said {
         name.char_indices().filter(|(_, c)| BETWEEN.contains(c)).filter_map(|(i, c)| name.get(i + c.len_utf8()..));
     // The whole name is not an end of it: a column `m` or `a` implies no unit.
     let found = ends.filter(|end| end.len() < name.len()).find(|end| is_unit(&spelt(end)));
-    let Some(end) = found else { return Said::Nothing };
+    let Some(end) = found else { return unknown_end(name) };
     let unit = spelt(end);
     if end.len() > 1 {
         // `uT` and `mA` in both cases are definite units.
@@ -119,6 +133,103 @@ fn said_by_end(name: &str) -> Said {
     }
     // One letter is a unit only in its exact case: `t`, `a`, `v`, `g`, `c` are other things.
     if ["T", "G", "A", "V", "m", "s", "g"].contains(&end) { Said::Perhaps(unit) } else { Said::Nothing }
+}
+
+/// Units that do not convert, and notations of angles that no factor converts.
+const OTHERS: &[&str] = &[
+    "dms",
+    "ddmm",
+    "ddmmss",
+    "dmm",
+    "hms",
+    "hhmmss",
+    "hhmm",
+    "inch",
+    "inches",
+    "hands",
+    "rod",
+    "rods",
+    "chain",
+    "chains",
+    "link",
+    "links",
+    "fathom",
+    "fathoms",
+    "furlong",
+    "furlongs",
+    "league",
+    "leagues",
+    "semicircles",
+    "turns",
+    "revs",
+    "rpm",
+    "mils",
+    "quads",
+    "counts",
+    "lsb",
+    "adu",
+    "bits",
+    "ticks",
+    "oersted",
+    "oersteds",
+    "weber",
+    "percent",
+    "pct",
+    "ppm",
+    "mach",
+    "atm",
+    "torr",
+    "days",
+    "weeks",
+    "fortnight",
+];
+
+/// Prefixes of units of one letter, and of longer ones.
+const PREFIXES: [&[&str]; 2] =
+    [&["k", "m", "u", "µ", "μ", "n", "p", "f"], &["G", "M", "k", "h", "d", "c", "m", "u", "µ", "μ", "n"]];
+
+/// Units that take these prefixes, in their exact case.
+const PREFIXED: [&[&str]; 2] =
+    [&["T", "G", "V", "A"], &["gauss", "tesla", "Gal", "rad", "deg", "ft", "feet", "Pa", "bar", "Hz", "m/s", "mps"]];
+
+/// Denominators that make a quotient of any numerator.
+const TIMES: [&str; 9] = ["s", "sec", "min", "h", "hr", "hour", "day", "week", "fortnight"];
+
+/// The end of a name that has no known unit: nothing, or a text that looks like a unit. That is a quotient, a known unit with
+/// a prefix or with more letters, or a unit that does not convert.
+fn unknown_end(name: &str) -> Said {
+    if let Some(quotient) = unknown_quotient(name) {
+        return Said::Unknown(quotient.to_owned());
+    }
+    let Some(at) = name.rfind(['_', ' ']) else { return Said::Nothing };
+    let word = name.get(at + 1..).unwrap_or_default();
+    if let Some((unit, more)) = unit_and_more(word) {
+        return if is_qualifier(more) { Said::Unit(spelt(unit)) } else { Said::Unknown(word.to_owned()) };
+    }
+    let with = |(prefixes, units): (&[&str], &[&str])| {
+        prefixes.iter().filter_map(|p| word.strip_prefix(p)).any(|rest| units.contains(&rest))
+    };
+    let prefixed = PREFIXES.into_iter().zip(PREFIXED).any(with);
+    let listed = OTHERS.contains(&word.to_ascii_lowercase().as_str());
+    if listed || prefixed { Said::Unknown(word.to_owned()) } else { Said::Nothing }
+}
+
+/// The quotient of units at the end of a name.
+fn unknown_quotient(name: &str) -> Option<&str> {
+    let sign = ["_per_", " per ", "/"].into_iter().filter_map(|sign| Some((name.rfind(sign)?, sign))).max()?;
+    let (over, under) = (name.get(..sign.0)?, name.get(sign.0 + sign.1.len()..)?);
+    let from = over.rfind(['_', ' ']).map_or(0, |at| at + 1);
+    let known = over.len() - from > 1 && is_unit(over.get(from..)?);
+    (from > 0 && (known || TIMES.contains(&under))).then(|| name.get(from..)).flatten()
+}
+
+/// A unit of two letters or more, and the capitalised word that follows it without a blank: `ftMSL`, `ftClarke`.
+fn unit_and_more(word: &str) -> Option<(&str, &str)> {
+    let capitals = word.char_indices().skip(2).filter(|(_, c)| c.is_uppercase());
+    capitals.map(|(at, _)| word.split_at(at)).find(|(unit, _)| {
+        let definite = !AMBIGUOUS.contains(&unit.to_lowercase().as_str());
+        unit.ends_with(char::is_lowercase) && is_unit(unit) && definite
+    })
 }
 
 /// A unit as the converter spells it: `m_s2`, `m/s`, `rad_s` and `m_per_s` are the same sort of thing.
@@ -230,6 +341,16 @@ mod tests {
     }
 
     #[test]
+    fn unit_texts_that_look_like_a_unit_and_are_not_known() {
+        for (name, unit) in [("ALT_kft", Some("kft")), ("Mag (counts)", Some("counts")), ("TMI (IGRF removed)", None)] {
+            assert_eq!(unknown_unit(name).as_deref(), unit, "{name}");
+        }
+        for name in ["ALT_ft", "MAG_LEV", "alt", "mag_1_uc", "X", "Mag [nT]"] {
+            assert_eq!(unknown_unit(name), None, "{name}");
+        }
+    }
+
+    #[test]
     fn unit_a_renamed_column_is_converted_or_refused() {
         let of = |name, ours, wanted| unit_of_renamed(name, ours, wanted);
         assert_eq!(of("MagCabin_T", "mag_4_uc", "nT"), Ok(Some("T".into())));
@@ -243,6 +364,45 @@ mod tests {
         assert_eq!(of("temp_degC", "mag_4_uc", "nT"), Err(Unsettled::Other("degC".into())));
         assert_eq!(of("Alt (fathoms)", "alt", "m"), Err(Unsettled::Other("fathoms".into())));
         assert_eq!(of("lat_m", "lat", "deg"), Err(Unsettled::Other("m".into())));
+        for (name, ours, wanted, unit) in [
+            ("Alt_ftUS", "alt", "m", "ftUS"),
+            ("Alt (US-ft)", "alt", "m", "ftUS"),
+            ("alt_us_ft", "alt", "m", "ftUS"),
+            ("Alt_ft_US", "alt", "m", "ftUS"),
+            ("alt_sft", "alt", "m", "ftUS"),
+            ("Alt US survey foot", "alt", "m", "ftUS"),
+            ("ve_fps", "ve", "m/s", "ft/s"),
+            ("Vn kts", "vn", "m/s", "kn"),
+            ("ve_km_h", "ve", "m/s", "km/h"),
+            ("ve km/hr", "ve", "m/s", "km/h"),
+            ("Alt_ftMSL", "alt", "m", "ft"),
+        ] {
+            assert_eq!(of(name, ours, wanted), Ok(Some(unit.into())), "{name}");
+        }
+        for (name, ours, wanted, unit) in [
+            ("Alt_fathoms", "alt", "m", "fathoms"),
+            ("alt_kft", "alt", "m", "kft"),
+            ("alt_ftClarke", "alt", "m", "ftClarke"),
+            ("lat_dms", "lat", "deg", "dms"),
+            ("vd_ft/day", "vd", "m/s", "ft/day"),
+            ("vd_furlongs_per_fortnight", "vd", "m/s", "furlongs_per_fortnight"),
+            ("mag_kT", "mag_4_uc", "nT", "kT"),
+            ("mag_counts", "mag_4_uc", "nT", "counts"),
+        ] {
+            assert_eq!(of(name, ours, wanted), Err(Unsettled::Other(unit.into())), "{name}");
+        }
+        for (name, ours, wanted) in [
+            ("TotalField_comp", "mag_1_c", "nT"),
+            ("vn_bar", "vn", "m/s"),
+            ("GPS_Altitude", "alt", "m"),
+            ("mag lev", "mag_1_c", "nT"),
+            ("Alt_HAE", "alt", "m"),
+            ("UTC_time", "tt", "s"),
+            ("B_Total", "mag_4_uc", "nT"),
+            ("velocity N/S", "vn", "m/s"),
+        ] {
+            assert_eq!(of(name, ours, wanted), Ok(None), "{name}");
+        }
         assert_eq!(of("FLUXB_T", "flux_b_t", "nT"), Err(Unsettled::Ambiguous("T".into())));
         assert_eq!(of("MAG_T", "mag_4_uc", "nT"), Err(Unsettled::Ambiguous("T".into())));
         assert_eq!(of("TIME_S", "tt", "s"), Ok(None));

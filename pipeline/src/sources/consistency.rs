@@ -5,28 +5,26 @@
 
 use arrow_array::{RecordBatch, cast::AsArray, types::Float64Type};
 use numerics::angle::wrap_deg;
-use numerics::{earth::geodesy::EarthModel, regression::statistics};
+use numerics::regression::statistics;
 use schemas::{Fault, plausible::shown};
 
-use super::finding::{Check, Finding, Origins};
+use self::motion::{chords, length};
+use super::{
+    clock_digits,
+    finding::{Check, Finding, Origins},
+};
+
+mod motion;
+#[cfg(test)]
+mod tests;
 
 /// The largest plausible error of an INS.
 const INS_KM: f64 = 500.0;
 /// A jump of a position from one sample to the next that no receiver makes, and the speed that no aircraft has.
 const JUMP_KM: f64 = 100.0;
 const JUMP_MPS: f64 = 1_000.0;
-/// The duration of the chords over which positions and velocities are compared.
-const CHORD_S: f64 = 10.0;
-/// A pause between samples that ends a chord.
-const PAUSE_S: f64 = 5.0;
 /// Below this mean speed the noise of positions gives no information on velocities.
 const MOVING_MPS: f64 = 3.0;
-/// Positions and velocities that disagree by this fraction of the distance flown, and agree to the other with another
-/// unit.
-const DISAGREE: f64 = 0.4;
-const AGREE: f64 = 0.15;
-/// Where nothing explains the disagreement, this ratio of the distances is still impossible.
-const RATIO: f64 = 5.0;
 /// Rows of which medians are taken.
 const SOME_ROWS: usize = 2_000;
 
@@ -36,11 +34,13 @@ pub fn contradictions(batch: &RecordBatch, faulty: &[String], origins: &Origins)
     let positions = ins_distance(&line)
         .or_else(|| radians_at_the_equator(&line, TRUTH))
         .or_else(|| radians_at_the_equator(&line, INS))
-        .or_else(|| motion(&line, TRUTH))
-        .or_else(|| motion(&line, INS))
+        .or_else(|| motion::horizontal(&line))
         .or_else(|| jump(&line));
     let mut found: Vec<(Fault, Finding)> = positions.into_iter().collect();
+    found.extend(motion::ground_speed(&line));
+    found.extend(clock(&line));
     found.extend(heights(&line));
+    found.extend([TRUTH, INS].into_iter().find_map(|set| motion::vertical(&line, set)));
     found.extend([TRUTH, INS].into_iter().filter_map(|set| attitude(&line, set)));
     found.extend(specific_force(&line));
     found
@@ -51,13 +51,16 @@ pub fn contradictions(batch: &RecordBatch, faulty: &[String], origins: &Origins)
 struct Set {
     lat: &'static str,
     lon: &'static str,
+    alt: &'static str,
     vn: &'static str,
     ve: &'static str,
+    vd: &'static str,
     yaw: &'static str,
 }
 
-const TRUTH: Set = Set { lat: "lat", lon: "lon", vn: "vn", ve: "ve", yaw: "yaw" };
-const INS: Set = Set { lat: "ins_lat", lon: "ins_lon", vn: "ins_vn", ve: "ins_ve", yaw: "ins_yaw" };
+const TRUTH: Set = Set { lat: "lat", lon: "lon", alt: "alt", vn: "vn", ve: "ve", vd: "vd", yaw: "yaw" };
+const INS: Set =
+    Set { lat: "ins_lat", lon: "ins_lon", alt: "ins_alt", vn: "ins_vn", ve: "ins_ve", vd: "ins_vd", yaw: "ins_yaw" };
 
 struct Line<'a> {
     batch: &'a RecordBatch,
@@ -109,6 +112,18 @@ fn distance_km(a: (f64, f64), b: (f64, f64)) -> f64 {
     2.0 * 6371.0 * h.sqrt().min(1.0).asin()
 }
 
+/// A clock in digits, `hhmmss.s`, in place of seconds.
+fn clock(line: &Line) -> Option<(Fault, Finding)> {
+    let tt = line.get("tt")?;
+    let row = clock_digits::minute_after(tt)?;
+    let help = format!(
+        "read the column through a mapping: `time = {{ from = [{:?}], clock = \"text\", format = ... }}`, where the format is {}",
+        line.origins.name("tt"),
+        clock_digits::formats(tt)
+    );
+    Some(line.contradiction(("tt", row, tt[row], "s"), tt.len(), clock_digits::WHAT.to_owned(), &help))
+}
+
 /// An INS further from the truth than any can be.
 fn ins_distance(line: &Line) -> Option<(Fault, Finding)> {
     let (lat, lon) = (line.get("lat")?, line.get("lon")?);
@@ -150,101 +165,6 @@ fn ins_distance(line: &Line) -> Option<(Fault, Finding)> {
     Some(line.contradiction(column, n, what, &help))
 }
 
-/// The displacement over a chord, north and east in metres, by positions and by velocities; the row it begins at.
-struct Chord {
-    row: usize,
-    seconds: f64,
-    moved: [f64; 2],
-    flown: [f64; 2],
-}
-
-/// Chords of at least [`CHORD_S`]; without velocities `flown` is zero.
-fn chords(tt: &[f64], lat: &[f64], lon: &[f64], velocity: Option<(&[f64], &[f64])>) -> Vec<Chord> {
-    let mut found = vec![];
-    let (mut start, mut flown) = (0, [0.0; 2]);
-    for i in 1..tt.len() {
-        let dt = tt[i] - tt[i - 1];
-        if let Some((vn, ve)) = velocity {
-            flown[0] += 0.5 * (vn[i] + vn[i - 1]) * dt;
-            flown[1] += 0.5 * (ve[i] + ve[i - 1]) * dt;
-        }
-        let whole = lat[start].is_finite() && lon[start].is_finite() && flown[0].is_finite() && flown[1].is_finite();
-        if !(whole && dt > 0.0 && dt <= PAUSE_S) {
-            (start, flown) = (i, [0.0; 2]);
-        } else if tt[i] - tt[start] >= CHORD_S {
-            let (north, east) = EarthModel::Wgs84.offset_ne_m((lat[start], lon[start]), (lat[i], lon[i]), 0.0);
-            if north.is_finite() && east.is_finite() {
-                found.push(Chord { row: start, seconds: tt[i] - tt[start], moved: [north, east], flown });
-            }
-            (start, flown) = (i, [0.0; 2]);
-        }
-    }
-    found
-}
-
-fn length(v: [f64; 2]) -> f64 {
-    v[0].hypot(v[1])
-}
-
-/// The part of the distance by which positions and velocities disagree; `turn` changes the velocities.
-fn disagreement(chords: &[Chord], turn: impl Fn([f64; 2]) -> [f64; 2]) -> f64 {
-    let (mut apart, mut moved, mut flown) = (0.0, 0.0, 0.0);
-    for chord in chords {
-        let f = turn(chord.flown);
-        apart += length([chord.moved[0] - f[0], chord.moved[1] - f[1]]);
-        moved += length(chord.moved);
-        flown += length(f);
-    }
-    apart / f64::max(moved, flown)
-}
-
-/// Positions that do not move with the velocities.
-fn motion(line: &Line, set: Set) -> Option<(Fault, Finding)> {
-    let (tt, lat, lon) = (line.get("tt")?, line.get(set.lat)?, line.get(set.lon)?);
-    let (vn, ve) = (line.get(set.vn)?, line.get(set.ve)?);
-    let all = chords(tt, lat, lon, Some((vn, ve)));
-    let seconds: f64 = all.iter().map(|c| c.seconds).sum();
-    let moved = all.iter().map(|c| length(c.moved)).sum::<f64>() / seconds;
-    let flown = all.iter().map(|c| length(c.flown)).sum::<f64>() / seconds;
-    // Velocities that are zero throughout are placeholders, which the check for constant sensors reports.
-    if all.len() < 3 || moved.max(flown) < MOVING_MPS || flown == 0.0 || disagreement(&all, |f| f) < DISAGREE {
-        return None;
-    }
-    let scaled = |by: f64| move |f: [f64; 2]| [by * f[0], by * f[1]];
-    let (n, e) = (set.vn, set.ve);
-    let unit = |unit: &str| format!("in {unit} the velocities fit: {}", line.origins.units(&[set.vn, set.ve], unit));
-    let mut causes = vec![
-        (disagreement(&all, scaled(1.0 / 3.6)), unit("km/h")),
-        (disagreement(&all, scaled(1852.0 / 3600.0)), unit("kn")),
-        (disagreement(&all, scaled(0.3048)), unit("ft/s")),
-        (disagreement(&all, |f| [f[1], f[0]]), format!("`{n}` and `{e}` look swapped")),
-        (
-            disagreement(&all, |f| [f[0], -f[1]]),
-            format!("longitude and `{e}` have opposite signs; both are positive to the east"),
-        ),
-    ];
-    if both_could_be_radians(lat, lon) {
-        let turned = |x: &[f64]| x.iter().map(|x| x.to_degrees()).collect::<Vec<f64>>();
-        let turned = chords(tt, &turned(lat), &turned(lon), Some((vn, ve)));
-        causes.push((disagreement(&turned, |f| f), line.in_radians(set)));
-    }
-    let best = causes.into_iter().filter(|c| c.0 < AGREE).min_by(|a, b| a.0.total_cmp(&b.0));
-    let help = match best {
-        Some((_, help)) => help,
-        None if moved.max(flown) > RATIO * moved.min(flown) => "correct the file".to_owned(),
-        None => return None,
-    };
-    let what = format!(
-        "the positions move at {} m/s where `{}` and `{}` are {} m/s on average",
-        shown(round(moved)),
-        set.vn,
-        set.ve,
-        shown(round(flown))
-    );
-    let row = all.first().map_or(0, |c| c.row);
-    Some(line.contradiction((set.lat, row, lat[row], "deg"), all.len(), what, &help))
-}
-
 fn round(x: f64) -> f64 {
     (x * 100.0).round() / 100.0
 }
@@ -255,7 +175,7 @@ fn radians_at_the_equator(line: &Line, set: Set) -> Option<(Fault, Finding)> {
     if !both_could_be_radians(lat, lon) {
         return None;
     }
-    let all = chords(tt, lat, lon, None);
+    let all = chords([tt, lat, lon], None, motion::CHORD_S);
     let speed = all.iter().map(|c| length(c.moved)).sum::<f64>() / all.iter().map(|c| c.seconds).sum::<f64>();
     // A standing aircraft is not a unit error; 5 m/s in radians are 290 m/s.
     if all.len() < 3 || !(0.05..5.0).contains(&speed) {
@@ -344,7 +264,7 @@ fn attitude(line: &Line, set: Set) -> Option<(Fault, Finding)> {
     if !could_be_radians(yaw, std::f64::consts::TAU + 1e-6) {
         return None;
     }
-    let all = chords(tt, lat, lon, None);
+    let all = chords([tt, lat, lon], None, motion::CHORD_S);
     let moving = all.iter().filter(|c| length(c.moved) > MOVING_MPS * c.seconds && yaw[c.row].is_finite());
     let pairs: Vec<(f64, f64)> = moving.map(|c| (c.moved[1].atan2(c.moved[0]).to_degrees(), yaw[c.row])).collect();
     let apart = |scale: f64| median(pairs.iter().map(|(course, yaw)| wrap_deg(course - scale * yaw).abs()).collect());

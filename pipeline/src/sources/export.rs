@@ -32,6 +32,7 @@ use super::{
     assemble::{Assembly, Whole},
     bytes::hash_file,
     checks::{self, Measure, measures, of_findings},
+    clock_digits,
     formats::open_log,
     ingest::divided,
     line_table::LineTable,
@@ -45,7 +46,7 @@ use crate::{
 };
 
 /// Raised when the files that are written change.
-const VERSION: &str = "export 1";
+const VERSION: &str = "export 2";
 /// The key of the metadata that says what a file was made from.
 const FROM: &str = "magline.from";
 
@@ -140,6 +141,9 @@ impl Export<'_> {
         let mut lines = vec![];
         let mut take = |whole: Whole| -> Result<(), Fault> {
             let (line, batch) = self.line(whole, &origins)?;
+            if let Some(clock) = line.faults.iter().find(|f| f.what == clock_digits::WHAT) {
+                return Err(clock.clone());
+            }
             if let Some(batch) = batch.filter(|_| line.faults.is_empty()) {
                 self.write(&line.flight, &batch, from, &mut open)?;
             }

@@ -26,7 +26,7 @@ use super::{
     Bytes, Flights, Lines, ReadStep, VERSION,
     assemble::{Assembly, MISSING, Whole},
     checks::{self, Measure, measures, of_findings, table::COLUMNS},
-    find_lines, fingerprint,
+    clock_digits, find_lines, fingerprint,
     flight_file::FlightFile,
     in_order::in_order,
     line_table::{Divider, Division},
@@ -87,6 +87,17 @@ struct IndexFault {
     help: Option<String>,
     column: Option<String>,
     row: Option<u64>,
+}
+
+impl IndexLine {
+    /// The fault of a clock in digits, which is that of all lines of the file: a line of less than a minute does not show it.
+    fn clock_in_digits(&self) -> Option<Fault> {
+        let mut faults = self.fault.iter().chain(&self.more_faults);
+        let IndexFault { what, help, column, row } = faults.find(|f| f.what == clock_digits::WHAT)?;
+        let (flight, line) = (Some(self.flight.clone()), Some(self.line.clone()));
+        let place = Place { file: None, flight, line, column: column.clone(), row: *row };
+        Some(Fault { what: what.clone(), help: help.clone(), place, owner: Owner::Data, ..Fault::default() })
+    }
 }
 
 impl IndexFault {
@@ -303,6 +314,9 @@ fn ingest(store: &Store, file: &FlightFile, how: &How, tick: &dyn Fn(usize)) -> 
     let put = |line: Whole| put(&packer, line, &origins, &file.options.accept);
     let lines = in_order(how.threads, next, put, tick)?;
     packer.finish()?;
+    if let Some(fault) = lines.iter().find_map(|(line, _)| line.clock_in_digits()) {
+        return Err(fault);
+    }
     if let Some(table) = table.filter(|_| lines.is_empty()) {
         return Err(table.none_of(&file.path));
     }

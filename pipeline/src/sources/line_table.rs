@@ -8,7 +8,7 @@ use arrow_cast::cast;
 use arrow_schema::DataType;
 use arrow_select::filter::filter_record_batch;
 use datasets::{FlightOptions, ReadError, Reading, RowFault, open_raw};
-use schemas::Fault;
+use schemas::{Fault, canonical::identifiers};
 
 use super::{find_lines, midnight::Rise};
 use crate::keys::Key;
@@ -231,16 +231,20 @@ fn plain(flight: &str) -> &str {
     flight.trim_start_matches(':').strip_prefix("Flt").unwrap_or(flight)
 }
 
-fn cast_to(batch: &RecordBatch, name: &str, kind: &DataType) -> Result<ArrayRef, Fault> {
-    let Some(column) = batch.column_by_name(name) else {
+fn found<'a>(batch: &'a RecordBatch, name: &str) -> Result<&'a ArrayRef, Fault> {
+    batch.column_by_name(name).ok_or_else(|| {
         let have: Vec<String> = batch.schema().fields().iter().map(|f| f.name().clone()).collect();
-        return Err(Fault::new(format!("a table of lines needs a column `{name}`")).nearest(name, &have));
-    };
-    cast(column, kind).map_err(|e| Fault::data(e.to_string()).in_column(name))
+        Fault::new(format!("a table of lines needs a column `{name}`")).nearest(name, &have)
+    })
+}
+
+fn cast_to(batch: &RecordBatch, name: &str, kind: &DataType) -> Result<ArrayRef, Fault> {
+    cast(found(batch, name)?, kind).map_err(|e| Fault::data(e.to_string()).in_column(name))
 }
 
 fn texts(batch: &RecordBatch, name: &str) -> Result<StringArray, Fault> {
-    Ok(cast_to(batch, name, &DataType::Utf8)?.as_string::<i32>().clone())
+    let texts = identifiers(found(batch, name)?).map_err(|e| Fault::data(e.to_string()).in_column(name))?;
+    Ok(texts.as_string::<i32>().clone())
 }
 
 #[cfg(test)]

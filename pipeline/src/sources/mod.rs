@@ -3,6 +3,7 @@
 mod assemble;
 mod bytes;
 pub mod checks;
+mod clock_digits;
 mod consistency;
 pub mod export;
 mod files;
@@ -51,7 +52,7 @@ use crate::{
 };
 
 /// Raised when what ingest writes changes.
-const VERSION: &str = "ingest 2";
+const VERSION: &str = "ingest 3";
 
 /// Raised when the stored form of a map changes.
 const MAP_VERSION: &str = "map 3";

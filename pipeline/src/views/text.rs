@@ -29,10 +29,25 @@ pub fn columns(table: &[Vec<String>], left: usize) -> String {
     let wide = |c: usize| table.iter().filter_map(|r| r.get(c)).map(|w| w.chars().count()).max().unwrap_or(0);
     let widths: Vec<usize> = (0..count).map(wide).collect();
     let cell = |(c, word): (usize, &String)| {
-        if c < left { format!("{word:<w$}", w = widths[c]) } else { format!("{word:>w$}", w = widths[c]) }
+        // The width of a format is at most 65,535, and a name may be longer.
+        let blanks = " ".repeat(widths[c].saturating_sub(word.chars().count()));
+        if c < left { format!("{word}{blanks}") } else { blanks + word }
     };
     let line = |row: &Vec<String>| {
         row.iter().enumerate().map(cell).collect::<Vec<_>>().join("  ").trim_end().to_owned() + "\n"
     };
     table.iter().map(line).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bug_a_word_longer_than_a_format_is_wide() {
+        let long = "L".repeat(70_000);
+        let table = [["line", "rows"].map(str::to_owned).to_vec(), vec![long.clone(), "4".to_owned()]];
+        let text = columns(&table, 1);
+        assert!(text.starts_with("line ") && text.ends_with(&format!("{long}     4\n")));
+    }
 }

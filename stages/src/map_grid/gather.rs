@@ -79,6 +79,7 @@ fn mapped(stage: &MapGrid, parts: &[&Part]) -> Result<Product, Fault> {
     let (height_m, value_nt) = (column("alt").unwrap_or_else(unknown), column(&stage.value).unwrap_or_else(unknown));
     (survey.height_m, survey.value_nt) = (height_m, value_nt);
     survey.lines = parts.iter().map(|part| part.name.clone()).collect();
+    survey.types = vec![None; survey.lines.len()];
     survey.line = parts.iter().zip(0u32..).flat_map(|(part, i)| vec![i; part.rows.len()]).collect();
     survey.row = parts.iter().flat_map(|part| part.rows.clone()).collect();
     survey.extra.diurnal_nt = read("diurnal");

@@ -7,8 +7,6 @@
 
 use std::{
     collections::{HashSet, VecDeque},
-    fs::File,
-    io::{Read, Seek, SeekFrom},
     path::{Path, PathBuf},
 };
 
@@ -22,7 +20,7 @@ use self::{
 };
 use super::{
     FlightFormat, FlightOptions, Head, Part, Raw, Reading, RowFault, decimal, limits::check_columns, missing,
-    missing::Missing,
+    missing::Missing, text_end::TextFile,
 };
 use crate::{
     ReadError,
@@ -86,7 +84,7 @@ fn open_in(path: &Path, options: &FlightOptions, reading: &Reading, block: usize
     let (fillers_to, drops_last) = (missing.highest(), scan.drops_last());
     let layout = Layout { names, kinds: scan.kinds.clone(), missing, fillers_to, drops_last };
     let schema = layout.schema();
-    let file = File::open(path).map_err(|e| ReadError::io(path, &e))?;
+    let file = TextFile::open(path)?;
     let parts = Parts {
         path: path.to_path_buf(),
         keys: vec![String::new(); layout.names.len()],
@@ -132,18 +130,9 @@ pub(super) fn header(path: &Path) -> Result<Vec<String>, ReadError> {
     if names.is_empty() { Err(ReadError::data(path, "there is no header row")) } else { Ok(names) }
 }
 
-fn reader(path: &Path) -> Result<csv::Reader<File>, ReadError> {
-    let file = File::open(path).map_err(|e| ReadError::io(path, &e))?;
+fn reader(path: &Path) -> Result<csv::Reader<TextFile>, ReadError> {
+    let file = TextFile::open(path)?;
     Ok(csv::ReaderBuilder::new().trim(csv::Trim::All).flexible(true).from_reader(file))
-}
-
-/// Whether the last byte of a text ends a line.
-pub(super) fn ends_with_newline(path: &Path) -> std::io::Result<bool> {
-    let mut file = File::open(path)?;
-    file.seek(SeekFrom::End(-1))?;
-    let mut last = [0];
-    file.read_exact(&mut last)?;
-    Ok(matches!(last, [b'\n' | b'\r']))
 }
 
 /// The type that the contract or the options give a column; `None` infers it from the values.
@@ -180,7 +169,7 @@ struct Parts {
     path: PathBuf,
     layout: Layout,
     schema: SchemaRef,
-    blocks: Blocks<File>,
+    blocks: Blocks<TextFile>,
     threads: usize,
     /// The next parts.
     ready: VecDeque<Result<Part, ReadError>>,

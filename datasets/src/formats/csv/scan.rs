@@ -1,16 +1,19 @@
 //! The properties of a whole file that are needed before its first row: the type of each column, and the skipped rows.
 //! No value is converted; columns of known type are skipped.
 
-use std::{fs::File, path::Path};
+use std::path::Path;
 
 use rayon::prelude::*;
 
 use super::{
-    super::{FlightOptions, decimal, missing::Missing},
+    super::{
+        FlightOptions, decimal,
+        missing::Missing,
+        text_end::{TextFile, is_whole},
+    },
     Kind,
     blocks::{Block, Blocks},
     cells::{Cells, ends_record},
-    ends_with_newline,
     rows::{may_repeat, plain_cell, repeats},
     settled_kind,
 };
@@ -73,9 +76,9 @@ impl Scan {
         let settled: Vec<Option<Kind>> = names.iter().map(|n| settled_kind(n, options)).collect();
         let mut kinds: Vec<Kind> = settled.iter().map(|k| k.unwrap_or(Kind::Number)).collect();
         let open = settled.iter().map(Option::is_none).collect();
-        let widths = !ends_with_newline(path).unwrap_or(true);
+        let widths = !is_whole(path).unwrap_or(true);
         let mut question = Question { names, missing: &missing, open, widths };
-        let mut blocks = Blocks::new(File::open(path).map_err(io)?, block);
+        let mut blocks = Blocks::new(TextFile::open(path)?, block);
         let (mut repeated, mut line, mut shortest, mut last) = ((0, 0), 1, usize::MAX, None);
         loop {
             let (some, failed) = blocks.some(threads);

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use datasets::{Height, PointOptions, SurveyPoints, check_output, doubts, read_points};
+use datasets::{Height, LineType, PointOptions, SurveyPoints, check_output, doubts, read_points};
 use numerics::maps::{
     gridding::{GridReport, Spread},
     levelling::{Levelled, LineCorrection, Merit},
@@ -136,16 +136,11 @@ fn read(args: &GridArgs, stage: &MapGrid, progress: Told) -> Result<(SurveyPoint
     Ok((all, far.len()))
 }
 
-/// Adds the points of another file; a line of one name is one line.
+/// Adds the points of another file. A line of one name is one line, unless the files give it two types: the second
+/// then gets the letter of its type in front.
 fn append(all: &mut SurveyPoints, more: SurveyPoints) {
-    let place = |name: &String, lines: &mut Vec<String>| {
-        let known = lines.iter().position(|n| n == name);
-        known.unwrap_or_else(|| {
-            lines.push(name.clone());
-            lines.len() - 1
-        }) as u32
-    };
-    let places: Vec<u32> = more.lines.iter().map(|name| place(name, &mut all.lines)).collect();
+    let places: Vec<u32> =
+        more.lines.iter().zip(&more.types).map(|(name, kind)| place(all, name.clone(), *kind) as u32).collect();
     all.line.extend(more.line.iter().map(|l| places[*l as usize]));
     all.easting_m.extend(more.easting_m);
     all.northing_m.extend(more.northing_m);
@@ -164,6 +159,31 @@ fn append(all: &mut SurveyPoints, more: SurveyPoints) {
     both(&mut all.extra.igrf_nt, more.extra.igrf_nt);
     both(&mut all.extra.year, more.extra.year);
     both(&mut all.extra.doy, more.extra.doy);
+}
+
+/// The place of a line of this name and type, which is added where there is none.
+fn place(all: &mut SurveyPoints, mut name: String, kind: Option<LineType>) -> usize {
+    loop {
+        match (all.lines.iter().position(|known| *known == name), kind) {
+            (None, _) => {
+                all.lines.push(name);
+                all.types.push(kind);
+                return all.lines.len() - 1;
+            }
+            (Some(at), Some(own)) if all.types.get(at).copied().flatten().is_some_and(|other| other != own) => {
+                let other = name.clone();
+                name.insert(0, own.letter());
+                let known = all.lines.contains(&name);
+                if !known {
+                    note(&format!(
+                        "line {other} is of another type in another file, and is named {name} as a {}",
+                        own.word()
+                    ));
+                }
+            }
+            (Some(at), _) => return at,
+        }
+    }
 }
 
 /// Names points that are far from all others; the points of each file begin at its entry of `starts`.

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use arrow_array::{Array, ArrayRef, BooleanArray, Float64Array, Int64Array, RecordBatch, StringArray, cast::AsArray};
 use arrow_cast::cast;
 use arrow_schema::{DataType, Field, Schema, SchemaRef};
-use schemas::{Fault, field, flight};
+use schemas::{Fault, canonical::identifier, field, flight};
 
 use super::{
     clock::Instant,
@@ -164,7 +164,7 @@ fn axes_of(rows: &[[f64; 3]]) -> [ArrayRef; 3] {
     [0, 1, 2].map(|k| Arc::new(rows.iter().map(|v| v[k]).collect::<Float64Array>()) as ArrayRef)
 }
 
-/// The texts of a key: whole numbers without a fraction, others in their shortest spelling.
+/// The texts of a key: those of [`identifier`] for numbers.
 ///
 /// # Errors
 /// Fails where an expression cannot be evaluated.
@@ -180,7 +180,7 @@ pub fn key_texts(source: &KeySource, batch: &RecordBatch) -> Result<StringArray,
     };
     if kind.is_floating() {
         let numbers = as_numbers(&array)?;
-        return Ok(numbers.iter().map(|x| (!x.is_nan()).then(|| x.to_string())).collect());
+        return Ok(numbers.iter().map(|x| (!x.is_nan()).then(|| identifier(*x))).collect());
     }
     let text = cast(&array, &DataType::Utf8).map_err(|e| Fault::data(e.to_string()))?;
     Ok(text.as_string::<i32>().clone())

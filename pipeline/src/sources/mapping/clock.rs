@@ -193,6 +193,11 @@ impl Form {
         !matches!(self, Form::OfDay(_))
     }
 
+    /// Whether its text holds an offset from UTC. That of ISO 8601 may or may not.
+    pub fn is_zoned(&self) -> bool {
+        matches!(self, Form::Dated(_, true))
+    }
+
     /// The time that a text says.
     pub fn read(&self, text: &str) -> Option<Read> {
         let text = text.trim();
@@ -212,6 +217,37 @@ impl Form {
             Form::OfDay(format) => NaiveTime::parse_from_str(text, format).ok().map(|t| Read::OfDay(of_day(t))),
         }
     }
+}
+
+/// The digits before the decimal point of a number in a form: 6 of `%H%M%S%.f`. `None` where the form holds anything but
+/// digits and a fraction at its end.
+pub fn digits_of(format: &str) -> Option<usize> {
+    use chrono::format::{Fixed, Item, Numeric, StrftimeItems};
+    let (mut digits, mut fraction) = (0, false);
+    for item in StrftimeItems::new(format) {
+        digits += match item {
+            _ if fraction => return None,
+            Item::Numeric(Numeric::Year, _) => 4,
+            Item::Numeric(Numeric::Ordinal, _) => 3,
+            Item::Numeric(
+                Numeric::YearMod100 | Numeric::Month | Numeric::Day | Numeric::Hour | Numeric::Minute | Numeric::Second,
+                _,
+            ) => 2,
+            Item::Fixed(Fixed::Nanosecond | Fixed::Nanosecond3 | Fixed::Nanosecond6 | Fixed::Nanosecond9) => {
+                fraction = true;
+                0
+            }
+            _ => return None,
+        };
+    }
+    Some(digits)
+}
+
+/// A number with zeros in front, up to this many digits before the decimal point: 641.5 is `000641.5`.
+pub fn padded(x: f64, digits: usize) -> String {
+    let text = schemas::canonical::identifier(x);
+    let whole = text.split_once('.').map_or(text.len(), |(whole, _)| whole.len());
+    if x < 0.0 { text } else { "0".repeat(digits.saturating_sub(whole)) + &text }
 }
 
 /// ISO 8601 with a `T` or a space; without an offset as it stands.
@@ -328,6 +364,23 @@ mod tests {
         );
         assert_eq!(read(Some("%H:%M:%S%.f"), "00:01:02.5"), Some(Read::OfDay(62.5)));
         assert_eq!(read(Some("%H:%M:%S%.f"), "25:01:02.5"), None);
+        for (format, x, s) in [
+            ("%H%M%S%.f", 641.5, 401.5),
+            ("%H%M%S%.f", f64::from(100_059.9_f32), 36_059.9),
+            ("%H%M%S", 100_059.0, 36_059.0),
+            ("%H%M", 5.0, 300.0),
+        ] {
+            let text = padded(x, digits_of(format).unwrap());
+            assert_eq!(read(Some(format), &text), Some(Read::OfDay(s)), "{text}");
+        }
+        let text = format!("{} {}", padded(50_319.0, 6), padded(101.25, 6));
+        let day = read_date("2019-03-05").unwrap();
+        let expected = Read::At { instant: Instant { day, s: 61.25 }, zoned: false };
+        assert_eq!(read(Some("%d%m%y %H%M%S%.f"), &text), Some(expected));
+        assert_eq!(
+            (digits_of("%Y%m%d"), digits_of("%y%j"), digits_of("%H:%M"), digits_of("%s")),
+            (Some(8), Some(5), None, None)
+        );
         assert!(Form::new(Some("%Q")).is_none() && Form::new(Some("%Y-%m-%d")).is_none());
     }
 }

@@ -13,7 +13,7 @@ choice! {
         Unix = "unix",
         /// The start of a GPS week, `week`.
         Gps = "gps",
-        /// Text, read by `format`.
+        /// Text, or digits in a number such as hhmmss.s, read by `format`.
         Text = "text",
     }
 }
@@ -109,7 +109,7 @@ params! {
     leap_s: Option<f64>, unit "s", default None, absent "that of the date", rule Rule::Between(0.0, 100.0);
     /// The form of the text, in the letters of `strftime`: `%d/%m/%Y %H:%M:%S%.f`.
     format: Option<String>, unit "", default None, absent "ISO 8601";
-    /// The offset of local time from UTC: `+10:00` east of Greenwich.
+    /// The offset of local time from UTC: `+10:00` east of Greenwich. Times that have their own zone need none.
     zone: Option<String>, unit "", default None, absent "UTC";
     /// The date of the first row, for a time of the day: `2012-10-10`, in `zone` where that is given.
     date: Option<String>, unit "", default None, absent "not known";

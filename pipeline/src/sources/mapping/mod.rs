@@ -36,7 +36,7 @@ use super::{files::file, log_reader::LogReader};
 use crate::keys::Key;
 
 /// Raised when the same mapping makes other values of the same file.
-const VERSION: &str = "mapping 1";
+const VERSION: &str = "mapping 2";
 
 /// A mapping.
 #[derive(Clone, Debug)]

@@ -6,11 +6,12 @@ use arrow_schema::{DataType, TimeUnit};
 use schemas::{Fault, convert};
 
 use super::{
-    clock::{DAY_S, Form, Instant, Read, read_date, read_zone},
+    clock::{DAY_S, Form, Instant, Read, digits_of, padded, read_date, read_zone},
     columns::{Columns, is_text, numbers, texts},
     declare::{Clock, Constant, Stamp},
     document::Placed,
 };
+use crate::sources::clock_digits;
 
 /// The times of the rows of a batch.
 pub enum Times {
@@ -44,7 +45,27 @@ enum Source {
     Day { ticks: Ticks },
     Unix { ticks: Ticks },
     Gps { ticks: Ticks, week: Week, rollovers: i64, leap_s: Option<f64> },
-    Text { columns: Vec<usize>, form: Form },
+    Text { columns: Vec<Cells>, form: Form },
+}
+
+/// A column of the text of a time.
+#[derive(Clone, Debug)]
+struct Cells {
+    at: usize,
+    /// Digits before the decimal point, for a column of numbers.
+    digits: Option<usize>,
+}
+
+impl Cells {
+    fn read(&self, batch: &RecordBatch) -> Result<Vec<Option<String>>, Fault> {
+        match self.digits {
+            None => texts(batch, self.at),
+            Some(digits) => {
+                let text = |x: f64| x.is_finite().then(|| padded(x, digits));
+                Ok(numbers(batch, self.at)?.into_iter().map(text).collect())
+            }
+        }
+    }
 }
 
 #[derive(Clone, Debug)]
@@ -80,6 +101,7 @@ impl TimeOf {
         }
         foreign_keys(stamp, clock, columns);
         let zone_s = zone(stamp, columns);
+        refuse_second_zone(stamp, columns);
         let day = match &said.date {
             None => None,
             Some(text) => match read_date(text) {
@@ -132,6 +154,9 @@ impl TimeOf {
             }
             Source::Day { ticks } => {
                 let seconds = ticks.seconds(batch)?;
+                if let Some(row) = clock_digits::minute_after(&seconds) {
+                    return Err(in_digits(&seconds, row));
+                }
                 self.of_day(&seconds)
             }
             Source::Unix { ticks } => {
@@ -151,7 +176,8 @@ impl TimeOf {
                 Times::Dated(seconds.iter().zip(&weeks).map(one).collect())
             }
             Source::Text { columns, form } => {
-                let cells = columns.iter().map(|at| texts(batch, *at)).collect::<Result<Vec<_>, _>>()?;
+                let cells = columns.iter().map(|cells| cells.read(batch)).collect::<Result<Vec<_>, _>>()?;
+                let mut second = None;
                 let mut read = |row: usize| -> Option<Read> {
                     let parts: Option<Vec<&str>> = cells.iter().map(|c| c.get(row)?.as_deref()).collect();
                     let text = parts?.join(" ");
@@ -159,12 +185,18 @@ impl TimeOf {
                         return None;
                     }
                     let time = form.read(&text);
+                    if self.zone_s.is_some() && matches!(time, Some(Read::At { zoned: true, .. })) {
+                        second.get_or_insert_with(|| text.clone());
+                    }
                     if time.is_none() {
                         wrong.push(NoTime { row, text });
                     }
                     time
                 };
                 let all: Vec<Option<Read>> = (0..batch.num_rows()).map(&mut read).collect();
+                if let Some(text) = second {
+                    return Err(second_zone(&format!("the time `{text}` has its own offset from UTC")));
+                }
                 if form.is_dated() {
                     Times::Dated(all.iter().map(|t| t.map(|t| at(t, zone_s))).collect())
                 } else {
@@ -246,6 +278,36 @@ fn zone(stamp: &Placed<Stamp>, columns: &mut Columns) -> Option<f64> {
         columns.push(fault.at(stamp.at("zone")));
     }
     zone
+}
+
+/// Rejects a zone for time stamps that are in UTC by their type, or in the zone of their text.
+fn refuse_second_zone(stamp: &Placed<Stamp>, columns: &mut Columns) {
+    if stamp.value.zone.is_none() {
+        return;
+    }
+    for name in &stamp.value.from {
+        let Ok(field) = columns.source.field_with_name(name) else { continue };
+        if let DataType::Timestamp(_, Some(zone)) = field.data_type() {
+            let fault = second_zone(&format!(
+                "the times of `{name}` have their own zone, {zone}: they are in UTC by their type"
+            ));
+            columns.push(fault.at(stamp.at("zone")));
+        }
+    }
+    if Form::new(stamp.value.format.as_deref()).is_some_and(|form| form.is_zoned()) {
+        columns.push(second_zone("the `format` reads an offset from UTC").at(stamp.at("zone")));
+    }
+}
+
+fn second_zone(what: &str) -> Fault {
+    Fault::data(format!("{what}, so that `zone` has no meaning")).help("remove `zone`")
+}
+
+/// The fault of a clock of the day whose numbers are digits.
+fn in_digits(numbers: &[f64], row: usize) -> Fault {
+    let at = numbers.get(row).copied().unwrap_or(f64::NAN);
+    let help = format!("use `clock = \"text\"` with `format` = {}, and remove `unit`", clock_digits::formats(numbers));
+    Fault::data(format!("{}, such as to {at}", clock_digits::WHAT)).help(help)
 }
 
 /// The column that counts, and what it counts.
@@ -361,18 +423,30 @@ fn gps(stamp: &Placed<Stamp>, columns: &mut Columns) -> Option<Source> {
 }
 
 fn text(stamp: &Placed<Stamp>, columns: &mut Columns) -> Option<Source> {
+    let names = &stamp.value.from;
+    let format = stamp.value.format.as_deref();
+    // A form of several columns has a blank between their parts.
+    let parts: Vec<&str> = format.unwrap_or_default().split(' ').collect();
     let mut found = vec![];
-    for name in &stamp.value.from {
+    for (i, name) in names.iter().enumerate() {
         let at = columns.find(name, stamp.at("from"))?;
-        if !is_text(columns.source, at) {
-            let kind = columns.source.field(at).data_type();
-            let what = format!("`{name}` holds {kind}, and `clock = \"text\"` reads text");
-            columns.push(Fault::new(what).at(stamp.at("from")));
+        if is_text(columns.source, at) {
+            found.push(Cells { at, digits: None });
+            continue;
+        }
+        let kind = columns.source.field(at).data_type();
+        let part = parts.get(i).filter(|_| parts.len() == names.len());
+        let digits = part.and_then(|part| digits_of(part)).filter(|digits| *digits > 0 && kind.is_numeric());
+        if digits.is_none() {
+            let what = format!("`{name}` holds {kind}, and `clock = \"text\"` reads text, or numbers in digits");
+            let help = "numbers need a `format` of digits alone, with a blank between columns: `%H%M%S%.f` for hhmmss.s, \
+                        `%Y%m%d %H%M` for a date and hhmm";
+            columns.push(Fault::new(what).help(help).at(stamp.at("from")));
             return None;
         }
-        found.push(at);
+        found.push(Cells { at, digits });
     }
-    let Some(form) = Form::new(stamp.value.format.as_deref()) else {
+    let Some(form) = Form::new(format) else {
         let text = stamp.value.format.clone().unwrap_or_default();
         let fault = Fault::new(format!("`format` cannot be `{text}`"));
         let help = "it needs at least the hour, in the letters of `strftime`: `%d/%m/%Y %H:%M:%S%.f`";

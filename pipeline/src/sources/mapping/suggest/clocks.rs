@@ -3,7 +3,7 @@
 use schemas::convert;
 
 use super::{Topic, quoted, sample::Sample};
-use crate::sources::mapping::clock::Form;
+use crate::sources::{clock_digits, mapping::clock::Form};
 
 /// The clock of a table.
 pub struct Clock {
@@ -67,12 +67,22 @@ fn one(column: &Sample) -> Option<Clock> {
     }
     let known: Vec<f64> = column.known().collect();
     let (first, last) = (known.first().copied()?, known.last().copied()?);
+    let repeats = known.windows(2).any(|w| w[1] == w[0]);
+    if clock_digits::minute_after(&known).is_some() {
+        return Some(Clock {
+            said: format!("{{ from = {}, clock = \"text\", format = \"%H%M%S%.f\" }}", quoted(&column.name)),
+            why: "guess: clock times in digits, hhmmss; the date is not known".to_owned(),
+            column: column.name.clone(),
+            unit: "s",
+            boot: false,
+            repeats,
+        });
+    }
     let falls = known.windows(2).any(|w| w[1] < w[0]);
     let missing = known.len() < column.values.len();
     if known.len() < 2 || falls || missing || last <= first {
         return None;
     }
-    let repeats = known.windows(2).any(|w| w[1] == w[0]);
     let step = (last - first) / (known.len() - 1) as f64;
     let (unit, why_unit) = unit_of(column, first, step)?;
     let seconds = convert(unit, "s").unwrap_or(1.0);

@@ -1,0 +1,242 @@
+//! Velocities against the motion of the positions and heights.
+
+use numerics::earth::geodesy::EarthModel;
+use schemas::{Fault, convert, plausible::shown};
+
+use super::{Finding, INS, Line, MOVING_MPS, Set, TRUTH, both_could_be_radians, round};
+
+/// The duration of the chords over which positions and velocities are compared.
+pub const CHORD_S: f64 = 10.0;
+/// The least number of chords; a line with fewer of [`CHORD_S`] has shorter ones, of at least this duration.
+const CHORDS: usize = 3;
+const SHORT_CHORD_S: f64 = 1.0;
+/// Below this mean speed the noise of positions hides the velocity over short chords.
+const SHORT_MOVING_MPS: f64 = 15.0;
+/// A pause between samples that ends a chord.
+const PAUSE_S: f64 = 5.0;
+/// Positions and velocities that disagree by this fraction of the distance flown, and agree to the other with another
+/// unit.
+const DISAGREE: f64 = 0.4;
+const AGREE: f64 = 0.15;
+/// Where nothing explains the disagreement, this ratio of the distances is still impossible.
+const RATIO: f64 = 5.0;
+/// A chord with a smaller change of height gives no information on the vertical velocity.
+const CLIMB_M: f64 = 15.0;
+
+/// Usual names of the speed over ground. A wind or an airspeed is none.
+const GROUND_SPEEDS: [&str; 5] = ["speed_over_ground", "ground_speed", "groundspeed", "gnd_speed", "sog"];
+
+/// Units of a velocity over ground, and of a vertical one.
+const SPEEDS: [&str; 6] = ["m/s", "km/h", "kn", "ft/s", "mph", "cm/s"];
+const CLIMBS: [&str; 7] = ["m/s", "ft/s", "ft/min", "m/min", "km/h", "kn", "cm/s"];
+
+/// The displacement over a chord, north and east in metres, by positions and by velocities; the row it begins at.
+pub struct Chord {
+    pub row: usize,
+    pub seconds: f64,
+    pub moved: [f64; 2],
+    pub flown: [f64; 2],
+}
+
+/// Chords of at least `chord_s` of time, latitude and longitude; without velocities `flown` is zero.
+pub fn chords([tt, lat, lon]: [&[f64]; 3], velocity: Option<(&[f64], &[f64])>, chord_s: f64) -> Vec<Chord> {
+    let mut found = vec![];
+    let (mut start, mut flown) = (0, [0.0; 2]);
+    for i in 1..tt.len() {
+        let dt = tt[i] - tt[i - 1];
+        if let Some((vn, ve)) = velocity {
+            flown[0] += 0.5 * (vn[i] + vn[i - 1]) * dt;
+            flown[1] += 0.5 * (ve[i] + ve[i - 1]) * dt;
+        }
+        let whole = lat[start].is_finite() && lon[start].is_finite() && flown[0].is_finite() && flown[1].is_finite();
+        if !(whole && dt > 0.0 && dt <= PAUSE_S) {
+            (start, flown) = (i, [0.0; 2]);
+        } else if tt[i] - tt[start] >= chord_s {
+            let (north, east) = EarthModel::Wgs84.offset_ne_m((lat[start], lon[start]), (lat[i], lon[i]), 0.0);
+            if north.is_finite() && east.is_finite() {
+                found.push(Chord { row: start, seconds: tt[i] - tt[start], moved: [north, east], flown });
+            }
+            (start, flown) = (i, [0.0; 2]);
+        }
+    }
+    found
+}
+
+pub fn length(v: [f64; 2]) -> f64 {
+    v[0].hypot(v[1])
+}
+
+/// The part of the distance by which positions and velocities disagree; `turn` changes the velocities.
+fn disagreement(chords: &[Chord], turn: impl Fn([f64; 2]) -> [f64; 2]) -> f64 {
+    let (mut apart, mut moved, mut flown) = (0.0, 0.0, 0.0);
+    for chord in chords {
+        let f = turn(chord.flown);
+        apart += length([chord.moved[0] - f[0], chord.moved[1] - f[1]]);
+        moved += length(chord.moved);
+        flown += length(f);
+    }
+    apart / f64::max(moved, flown)
+}
+
+/// Positions that do not move with the velocities: those of the truth, those of the INS, or of both where each lacks one.
+pub fn horizontal(line: &Line) -> Option<(Fault, Finding)> {
+    let own = [TRUTH, INS].into_iter().find_map(|set| motion(line, set));
+    let mixed = || match (line.get(TRUTH.lat), line.get(INS.lat)) {
+        (Some(_), None) => motion(line, Set { vn: INS.vn, ve: INS.ve, ..TRUTH }),
+        (None, Some(_)) => motion(line, Set { vn: TRUTH.vn, ve: TRUTH.ve, ..INS }),
+        _ => None,
+    };
+    own.or_else(mixed)
+}
+
+/// A unit that velocities may be in, and its factor to the unit that they are said to be in.
+fn other_units<'a>(line: &Line, column: &str, units: &'a [&'a str]) -> Vec<(&'a str, f64)> {
+    let declared = match line.origins.unit(column) {
+        "" => "m/s",
+        unit => unit,
+    };
+    let factor = |unit: &&'a str| Some((*unit, convert(unit, declared)?));
+    units.iter().filter_map(factor).filter(|(_, factor)| (factor - 1.0).abs() > 0.01).collect()
+}
+
+/// Positions that do not move with the velocities.
+fn motion(line: &Line, set: Set) -> Option<(Fault, Finding)> {
+    let (tt, lat, lon) = (line.get("tt")?, line.get(set.lat)?, line.get(set.lon)?);
+    let (vn, ve) = (line.get(set.vn)?, line.get(set.ve)?);
+    let over = |chord_s: f64| chords([tt, lat, lon], Some((vn, ve)), chord_s);
+    let mut all = over(CHORD_S);
+    let short = all.len() < CHORDS;
+    if short {
+        let span_s = tt.last()? - tt.first()?;
+        all = over((span_s / (CHORDS + 2) as f64).clamp(SHORT_CHORD_S, CHORD_S));
+    }
+    let seconds: f64 = all.iter().map(|c| c.seconds).sum();
+    let moved = all.iter().map(|c| length(c.moved)).sum::<f64>() / seconds;
+    let flown = all.iter().map(|c| length(c.flown)).sum::<f64>() / seconds;
+    let slow = if short { moved.min(flown) < SHORT_MOVING_MPS } else { moved.max(flown) < MOVING_MPS };
+    // Velocities that are zero throughout are placeholders, which the check for constant sensors reports.
+    if all.len() < CHORDS || slow || flown == 0.0 || disagreement(&all, |f| f) < DISAGREE {
+        return None;
+    }
+    let mut causes = in_other_units(line, set, &all);
+    if !short {
+        causes.extend(otherwise(line, set, &all));
+    }
+    if !short && both_could_be_radians(lat, lon) {
+        let turned = |x: &[f64]| x.iter().map(|x| x.to_degrees()).collect::<Vec<f64>>();
+        let turned = chords([tt, &turned(lat), &turned(lon)], Some((vn, ve)), CHORD_S);
+        causes.push((disagreement(&turned, |f| f), line.in_radians(set)));
+    }
+    let best = causes.into_iter().filter(|c| c.0 < AGREE).min_by(|a, b| a.0.total_cmp(&b.0));
+    let help = match best {
+        Some((_, help)) => help,
+        None if !short && moved.max(flown) > RATIO * moved.min(flown) => "correct the file".to_owned(),
+        None => return None,
+    };
+    let what = format!(
+        "the positions move at {} m/s where `{}` and `{}` are {} m/s on average",
+        shown(round(moved)),
+        set.vn,
+        set.ve,
+        shown(round(flown))
+    );
+    let row = all.first().map_or(0, |c| c.row);
+    Some(line.contradiction((set.lat, row, lat[row], "deg"), all.len(), what, &help))
+}
+
+/// The disagreement that is left in each other unit of both velocities, or of one of them, and what to do about it.
+fn in_other_units(line: &Line, set: Set, all: &[Chord]) -> Vec<(f64, String)> {
+    let mut causes = vec![];
+    for columns in [vec![set.vn, set.ve], vec![set.vn], vec![set.ve]] {
+        let (north, east) = (columns.contains(&set.vn), columns.contains(&set.ve));
+        for (unit, by) in columns.first().map(|c| other_units(line, c, &SPEEDS)).unwrap_or_default() {
+            let scaled = |f: [f64; 2]| [if north { by * f[0] } else { f[0] }, if east { by * f[1] } else { f[1] }];
+            let fit = if north && east { "the velocities fit".to_owned() } else { format!("`{}` fits", columns[0]) };
+            causes
+                .push((disagreement(all, scaled), format!("in {unit} {fit}: {}", line.origins.units(&columns, unit))));
+        }
+    }
+    causes
+}
+
+/// The same for axes that are swapped or turned.
+fn otherwise(line: &Line, set: Set, all: &[Chord]) -> [(f64, String); 2] {
+    let (n, e) = (line.origins.name(set.vn), line.origins.name(set.ve));
+    let signs = format!("longitude and `{e}` have opposite signs; both are positive to the east");
+    [
+        (disagreement(all, |f| [f[1], f[0]]), format!("`{n}` and `{e}` look swapped")),
+        (disagreement(all, |f| [f[0], -f[1]]), signs),
+    ]
+}
+
+/// A speed over ground, in the unit that the file or the spec gives, that fits the positions in another unit only.
+pub fn ground_speed(line: &Line) -> Option<(Fault, Finding)> {
+    let (tt, lat, lon) = (line.get("tt")?, line.get(TRUTH.lat)?, line.get(TRUTH.lon)?);
+    GROUND_SPEEDS.into_iter().find_map(|name| {
+        let speed = line.get(name)?;
+        let declared = Some(line.origins.unit(name)).filter(|unit| !unit.is_empty())?;
+        let to_mps = convert(declared, "m/s")?;
+        let all = chords([tt, lat, lon], Some((speed, &vec![0.0; speed.len()])), CHORD_S);
+        let fit = |by: f64| {
+            let (moved, flown) = all.iter().fold((0.0, 0.0), |(m, f), c| (m + length(c.moved), f + by * c.flown[0]));
+            (moved - flown).abs() / f64::max(moved, flown)
+        };
+        let seconds: f64 = all.iter().map(|c| c.seconds).sum();
+        let moved = all.iter().map(|c| length(c.moved)).sum::<f64>() / seconds;
+        if all.len() < CHORDS || moved < SHORT_MOVING_MPS || fit(to_mps) < DISAGREE {
+            return None;
+        }
+        let causes = SPEEDS.into_iter().filter_map(|unit| Some((fit(convert(unit, "m/s")?), unit)));
+        let (_, unit) = causes.filter(|c| c.0 < AGREE).min_by(|a, b| a.0.total_cmp(&b.0))?;
+        let what = format!("the positions move at {} m/s, and `{name}` fits in {unit} only", shown(round(moved)));
+        let row = all.first().map_or(0, |c| c.row);
+        let at = (name, row, speed.get(row).copied().unwrap_or(f64::NAN), declared);
+        Some(line.contradiction(at, all.len(), what, &line.origins.units(&[name], unit)))
+    })
+}
+
+/// Heights that change with the vertical velocity in another unit only.
+pub fn vertical(line: &Line, set: Set) -> Option<(Fault, Finding)> {
+    let (tt, alt, vd) = (line.get("tt")?, line.get(set.alt)?, line.get(set.vd)?);
+    let climbs = climbs(tt, alt, vd);
+    if climbs.len() < CHORDS || disagreement(&climbs, |f| f) < DISAGREE {
+        return None;
+    }
+    let units = other_units(line, set.vd, &CLIMBS).into_iter();
+    let causes = units.map(|(unit, by)| (disagreement(&climbs, |f| [by * f[0], 0.0]), unit));
+    let (_, unit) = causes.filter(|c| c.0 < AGREE).min_by(|a, b| a.0.total_cmp(&b.0))?;
+    let seconds: f64 = climbs.iter().map(|c| c.seconds).sum();
+    let rate = |of: fn(&Chord) -> [f64; 2]| climbs.iter().map(|c| length(of(c))).sum::<f64>() / seconds;
+    let what = format!(
+        "`{}` changes at {} m/s where `{}` is {} m/s on average",
+        set.alt,
+        shown(round(rate(|c| c.moved))),
+        set.vd,
+        shown(round(rate(|c| c.flown)))
+    );
+    let help = format!("in {unit} `{}` fits: {}", set.vd, line.origins.units(&[set.vd], unit));
+    let row = climbs.first().map_or(0, |c| c.row);
+    Some(line.contradiction((set.vd, row, vd[row], "m/s"), climbs.len(), what, &help))
+}
+
+/// Chords that climb or sink by [`CLIMB_M`] or more, by the heights and by the vertical velocity, in their first component.
+fn climbs(tt: &[f64], alt: &[f64], vd: &[f64]) -> Vec<Chord> {
+    let mut found = vec![];
+    let (mut start, mut flown) = (0, 0.0);
+    for i in 1..tt.len() {
+        let dt = tt[i] - tt[i - 1];
+        flown -= 0.5 * (vd[i] + vd[i - 1]) * dt;
+        let seconds = tt[i] - tt[start];
+        let whole = alt[start].is_finite() && flown.is_finite() && dt > 0.0 && dt <= PAUSE_S;
+        if whole && seconds >= CHORD_S {
+            let moved = alt[i] - alt[start];
+            if moved.abs() >= CLIMB_M {
+                found.push(Chord { row: start, seconds, moved: [moved, 0.0], flown: [flown, 0.0] });
+            }
+        }
+        if !whole || seconds >= CHORD_S {
+            (start, flown) = (i, 0.0);
+        }
+    }
+    found
+}
