@@ -36,7 +36,7 @@ fn unit_units_of_coordinates_in_every_format() {
         assert!((found - expected).abs() < 1e-6, "{units:?}: {found}");
     }
     for (units, what) in [
-        (["furlong"; 2], "the unit `furlong` of the coordinates is not known"),
+        (["furlong"; 2], "the unit `furlong` of the coordinates is unknown"),
         (["degrees_east", "degrees_north"], "the coordinates are in degrees, but EPSG:32754"),
         (["km", "m"], "the coordinates are in two units, km and m"),
     ] {
@@ -62,9 +62,9 @@ fn unit_units_of_coordinates_in_every_format() {
     with_size.doubles.push((34736, vec![0.5]));
     assert!((west(&tiff(&[with_size]), "m.tif", &utm()).unwrap() - 0.5 * corner).abs() < 1e-6);
     let fault = west(&tiff(&[image(&own)]), "m.tif", &utm()).unwrap_err();
-    assert!(fault.contains("user-defined, but its size is not given"), "{fault}");
+    assert!(fault.contains("user-defined, but its size is missing"), "{fault}");
     let fault = west(&tiff(&[image(&keys(9999))]), "m.tif", &utm()).unwrap_err();
-    assert!(fault.contains("the unit EPSG:9999 of the coordinates is not known"), "{fault}");
+    assert!(fault.contains("the unit EPSG:9999 of the coordinates is unknown"), "{fault}");
     // The file's own system and unit contradict each other; naming the system settles it.
     let mut both = keys(9003);
     both[15] = 32754;
@@ -84,9 +84,9 @@ fn unit_units_of_coordinates_in_every_format() {
     assert!((west(csv.as_bytes(), "m.csv", &utm()).unwrap() - 152.4).abs() < 1e-9);
     let gxf = fs::read_to_string(case("km.gxf")).unwrap();
     let fault = west(gxf.replace("\"km\",1000", "\"ft\",1000").as_bytes(), "m.gxf", &utm()).unwrap_err();
-    assert!(fault.contains("#UNIT_LENGTH says that a unit `ft` is 1000 m"), "{fault}");
+    assert!(fault.contains("#UNIT_LENGTH gives the unit `ft` a wrong length of 1000 m"), "{fault}");
     let fault = west(gxf.replace("\"km\",1000", "\"cubit\"").as_bytes(), "m.gxf", &utm()).unwrap_err();
-    assert!(fault.contains("the unit `cubit` of the coordinates is not known"), "{fault}");
+    assert!(fault.contains("the unit `cubit` of the coordinates is unknown"), "{fault}");
     let folder = TempDir::new().unwrap();
     let asc = folder.path().join("m.asc");
     fs::copy(case("nodata.asc"), &asc).unwrap();

@@ -7,8 +7,8 @@ fn r10_values_that_no_rock_makes() {
     let fault = read_grid(&case("emag2.nc"), &MapOptions::default()).unwrap_err().to_string();
     for part in [
         "emag2.nc, column `anomaly`: in row ",
-        "99,999 nT is not a magnetic anomaly (-20,000 to 20,000 nT), nor are 1 more of 63 values",
-        "set `missing = [99999]` in the table of the spec or give `--missing=99999`",
+        "99,999 nT is not a magnetic anomaly (-20,000 to 20,000 nT), and 1 more of 63 values are outside too",
+        "set `missing = [99999]` in the table of the spec or use `--missing=99999`",
         "`accept = [\"range\"]`",
     ] {
         assert!(fault.contains(part), "{part}: {fault}");
@@ -43,7 +43,7 @@ fn r10_values_that_no_rock_makes() {
     }
     for value in ["inf", "-inf", "1e32", "-32768", "1.70141e38"] {
         let map = read(value, &MapOptions::default()).unwrap();
-        assert!(same(&map, (5.0, 7.0, 1)) && map.notes.iter().any(|n| n.contains("taken as unknown")), "{value}");
+        assert!(same(&map, (5.0, 7.0, 1)) && map.notes.iter().any(|n| n.contains("treated as unknown")), "{value}");
     }
     let tesla = MapOptions { unit: Some("T".into()), ..MapOptions::default() };
     let fault = read("1e300", &tesla).unwrap_err();
@@ -58,7 +58,7 @@ fn r10_values_that_no_rock_makes() {
     assert!(read("99999", &slope).unwrap_err().contains("a derivative of a magnetic anomaly"));
     let heights = "lon,lat,anomaly,alt\n1,1,5,300\n2,1,6,300\n1,2,7,310\n2,2,8,1e7\n";
     let fault = bytes("m.csv", heights.as_bytes(), &MapOptions::default()).unwrap_err();
-    assert!(fault.contains("10000000 m is not a height of a map"), "{fault}");
+    assert!(fault.contains("10000000 m is outside the possible heights of a map"), "{fault}");
     let map = bytes("m.csv", heights.replace("1e7", "-99999").as_bytes(), &MapOptions::default()).unwrap();
     assert!(matches!(&map.height, Height::Cells(cells) if cells[3].is_nan()), "{:?}", map.height);
     let word = MapOptions { missing: vec!["dropout".into()], ..MapOptions::default() };
@@ -90,7 +90,10 @@ fn r10_values_of_survey_points() {
     }
     assert!(read(&rows("inf", "100"), &plain).unwrap().value_nt[2].is_nan());
     let fault = read(&rows("7", "1e7"), &plain).unwrap_err();
-    assert!(fault.contains("column `alt`") && fault.contains("is not a height of an aircraft"), "{fault}");
+    assert!(
+        fault.contains("column `alt`") && fault.contains("is outside the possible heights of an aircraft"),
+        "{fault}"
+    );
     assert!(read(&rows("7", "-99999"), &plain).unwrap().height_m[1].is_nan());
     let total =
         rows("54300", "100").replace(",5\n", ",54000\n").replace(",6\n", ",54100\n").replace(",8\n", ",54200\n");

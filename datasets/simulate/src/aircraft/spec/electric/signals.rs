@@ -8,26 +8,26 @@ use crate::reading::{
     variant::{Variant, Varied, variant},
 };
 
-/// A control signal that is recorded: `offset + gain * signal`, with noise, rounded to `resolution`.
+/// A recorded control signal: `offset + gain * signal` plus noise, rounded to `resolution`.
 #[derive(Clone, Debug)]
 pub struct Input {
-    /// The column.
+    /// Name of the column.
     pub name: String,
-    /// What it tells.
+    /// The recorded quantity.
     pub signal: Signal,
-    /// Added to it.
+    /// Offset.
     pub offset: f64,
-    /// Times the signal.
+    /// Gain.
     pub gain: f64,
-    /// White noise.
+    /// Standard deviation of white noise, in the column's unit.
     pub noise: f64,
-    /// Step of the recorded values; 0 is none.
+    /// Quantisation step of the recorded values; 0 disables rounding.
     pub resolution: f64,
-    /// What is wrong with the column.
+    /// Errors of the column.
     pub channel: Channel,
 }
 
-/// What a control signal tells.
+/// Quantity that a control signal records.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Signal {
     /// The level of a current, 0 to 1, such as the throttle. Kind `current`, with the key `of`.
@@ -40,12 +40,12 @@ pub enum Signal {
     Temperature,
 }
 
-/// What a control signal tells, the current by its name.
+/// The recorded quantity of a control signal, with a current identified by its name.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Told {
     /// The level of a current.
     Level(String),
-    /// What needs no name.
+    /// A quantity without a name.
     Other(Signal),
 }
 
@@ -57,7 +57,7 @@ variant! {
     /// The level of a current, 0 to 1, such as the throttle.
     LEVEL: Told = "current", |keys| Told::Level(keys.of);
     struct LevelKeys;
-    /// Which of the currents.
+    /// Index of the current.
     of: String, unit "";
 }
 
@@ -91,26 +91,25 @@ variant! {
     struct TemperatureSignalKeys;
 }
 
-/// What a control signal can be.
+/// The kinds of control signals.
 pub(crate) fn signals() -> Lists {
     Lists::default().with(vec![&LEVEL, &AILERON, &ELEVATOR, &RUDDER, &SPEED, &TEMPERATURE])
 }
 
 params! {
-    /// A table of `inputs`: a control signal that is recorded, `offset + gain * signal`, with noise, rounded to
-    /// `resolution`.
+    /// A table of `inputs`: a recorded control signal, `offset + gain * signal` plus noise, rounded to `resolution`.
     pub struct InputKeys, groups [channel: ChannelKeys];
-    /// The column.
+    /// Name of the column.
     name: String, unit "";
-    /// What it tells.
+    /// The recorded quantity.
     kind: Chosen<Variant<Told>>, unit "";
-    /// Added to it.
+    /// Offset.
     offset: f64, unit "", default 0.0, rule Rule::Finite;
-    /// Times the signal.
+    /// Gain.
     gain: f64, unit "1", default 1.0, rule Rule::Finite;
-    /// White noise.
+    /// Standard deviation of white noise, in the column's unit.
     noise: f64, unit "", default 0.0, rule Rule::NotNegative;
-    /// Step of the recorded values; 0 is none.
+    /// Quantisation step of the recorded values; 0 disables rounding.
     resolution: f64, unit "", default 0.0, rule Rule::NotNegative;
 }
 
