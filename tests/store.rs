@@ -305,13 +305,13 @@ fn user_a_run_reports_the_bytes_that_gc_would_free() {
     let written = sizes() - before;
     let unused = bench.run(&changed).last["unused_bytes"].as_u64().unwrap();
     assert!(unused > 1 << 20 && unused <= written, "{unused} of {written}");
-    let note = format!("note: {:.1} MB of earlier results are no longer used; `magline gc --yes`", unused as f64 / 1e6);
+    let note = format!("note: {:.1} MB of stored results are unreferenced; `magline gc --yes`", unused as f64 / 1e6);
     assert!(stderr(&output).contains(&note), "{note}: {}", stderr(&output));
     let before = sizes();
     assert!(bench.magline(&["gc", "--yes"]).status.success());
     assert_eq!(before - sizes(), unused);
     let output = bench.magline(&["run", "spec.toml", changed[0], changed[1]]);
-    assert!(!stderr(&output).contains("no longer used"), "{}", stderr(&output));
+    assert!(!stderr(&output).contains("results are unreferenced"), "{}", stderr(&output));
     assert_eq!(bench.run(&changed).last["unused_bytes"], 0);
 }
 
