@@ -337,7 +337,7 @@ fn user_another_file_is_never_replaced_silently() {
     assert_eq!(run(&[]).status.code(), Some(0));
     let before = files(&at.join("out"));
     let again = run(&[]);
-    assert!(again.status.code() == Some(0) && stdout(&again).contains("was there already"), "{}", stderr(&again));
+    assert!(again.status.code() == Some(0) && stdout(&again).contains("unchanged: "), "{}", stderr(&again));
     assert!(before == files(&at.join("out")));
     log(at, "log.csv", 50);
     let other = run(&[]);
@@ -353,7 +353,11 @@ fn user_another_file_is_never_replaced_silently() {
     fs::create_dir(at.join("b")).unwrap();
     log(&at.join("b"), "log.csv", 20);
     let clash = magline(at, &["ingest", "log.csv", "b/log.csv", "--to", "c", "--mapping", "m.toml"]);
-    assert!(clash.status.code() == Some(2) && stderr(&clash).contains("would both be log"), "{}", stderr(&clash));
+    assert!(
+        clash.status.code() == Some(2) && stderr(&clash).contains("would both be written to log"),
+        "{}",
+        stderr(&clash)
+    );
 }
 
 fn spawned(folder: &Path, args: &[&str]) -> Child {

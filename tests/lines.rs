@@ -121,7 +121,7 @@ fn user_lines_are_found_shown_edited_and_used() {
     // What somebody has edited is not replaced, and is used.
     let edited = found.lines().take(2).collect::<Vec<_>>().join("\n").replace("box1", "first") + "\n";
     fs::write(at.join("lines.csv"), &edited).unwrap();
-    assert!(run(&look, 2).1.contains("holds other lines already"));
+    assert!(run(&look, 2).1.contains("already contains other lines"));
     assert_eq!(fs::read_to_string(at.join("lines.csv")).unwrap(), edited);
     let args = ["ingest", "flown/7.parquet", "--lines", "lines.csv", "--to", "edited", "--picture", "edited.svg"];
     assert!(run(&args, 0).1.contains("edited.svg"));
@@ -144,7 +144,7 @@ fn user_lines_that_cannot_be_found_or_used_are_refused_before_anything_is_writte
     };
     refused(&["--lines", "auto"], 2, "neither positions nor headings");
     refused(&["--lines", "gone.csv"], 2, "gone.csv");
-    refused(&["--lines", "auto", "--picture", "lines.jpg"], 2, "end its name in .svg or .png");
+    refused(&["--lines", "auto", "--picture", "lines.jpg"], 2, "use the extension .svg or .png");
     refused(&["--picture", "lines.svg"], 2, "--lines");
     fs::write(at.join("lines.csv"), "flight,line,t_start,t_end\nlog,far,1,2\n").unwrap();
     refused(&["--lines", "lines.csv"], 2, "no sample is within a line of");

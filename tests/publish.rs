@@ -103,7 +103,7 @@ fn user_a_published_set_holds_the_rows_of_the_run_and_verifies() {
     published(&bench, &["scores", "clean", "coefficients", "flights", "anomaly"], "set", &[]);
     let (code, said) = verify(&bench, "set");
     assert_eq!(code, Some(0), "{said}");
-    assert!(said.contains("all as published"), "{said}");
+    assert!(said.contains("all verified"), "{said}");
     // The rows are those of the store, in the order of axes and time.
     let sums = |batches: &[RecordBatch], column: &str| numbers(batches, column).iter().sum::<f64>();
     let stored = read(&bench.path("store/tables/small/clean"));
@@ -319,7 +319,7 @@ fn user_a_folder_that_is_no_published_set_is_never_overwritten() {
     assert_eq!(fs::read_to_string(bench.path("mine/thesis.tex")).unwrap(), "years of work");
     published(&bench, &["scores"], "set", &[]);
     // The same again changes nothing; another set needs to be told.
-    assert!(published(&bench, &["scores"], "set", &[]).contains("the same data set already"));
+    assert!(published(&bench, &["scores"], "set", &[]).contains("already holds the same published set"));
     let before = files(&bench.path("set"));
     let said = refused(&publish(&bench, &["coefficients"], &["--to", "set"]));
     assert!(said.contains("--replace"), "{said}");

@@ -80,7 +80,7 @@ fn user_a_second_run_of_a_pipeline_is_refused_by_name_or_waits_and_computes_noth
     assert_eq!(said["holder"]["pid"], first.id());
     let tired = start(&bench, &["-q", "--wait=1s"]).wait_with_output().unwrap();
     assert_eq!(tired.status.code(), Some(3));
-    assert!(stderr(&tired).contains("it was waited for 1 s"), "{}", stderr(&tired));
+    assert!(stderr(&tired).contains("the wait of 1 s is over"), "{}", stderr(&tired));
     // Another pipeline of the same store is not held up.
     fs::write(bench.path("other.toml"), SPEC.replace("\"small\"", "\"other\"")).unwrap();
     assert!(bench.magline(&["run", "other.toml", "-q", "--until", "even"]).status.success());
@@ -90,7 +90,7 @@ fn user_a_second_run_of_a_pipeline_is_refused_by_name_or_waits_and_computes_noth
     signal(&first, "-CONT");
     assert!(first.wait().unwrap().success());
     let waited = waits.wait_with_output().unwrap();
-    assert!(waited.status.success() && stderr(&waited).contains("waiting for it"), "{}", stderr(&waited));
+    assert!(waited.status.success() && stderr(&waited).contains("waiting for that run"), "{}", stderr(&waited));
     let said = summary(&bench);
     assert_eq!((&said["units"]["computed"], &said["units"]["reused"]), (&0.into(), &116.into()));
     assert!(said["holder"].is_null());
@@ -210,7 +210,7 @@ fn user_force_computes_again_and_says_whether_the_bytes_are_the_same() {
     };
     assert_eq!(TABLES.map(units), [4, 8, 8, 32, 32, 32]);
     assert_eq!(summary(&bench)["compared"], done.last["compared"]);
-    assert!(done.last["notes"].to_string().contains("`clean` was computed again: 32 units, the same bytes"));
+    assert!(done.last["notes"].to_string().contains("`clean` was recomputed: 32 units, the same bytes"));
     assert!(bench.tables("store") == before);
     assert!(fs::read_dir(bench.path("store/tmp")).unwrap().next().is_none(), "the copy is left");
     // A result that is not what this program computes.
@@ -239,7 +239,7 @@ fn user_every_end_of_a_run_has_its_status_and_its_summary() {
     };
     let (done, said) = run(&["--max-time", "0s"]);
     assert_eq!((done.code, &said["status"]), (4, &"out_of_time".into()), "{}", done.stderr);
-    assert!(done.stderr.contains("goes on from there"), "{}", done.stderr);
+    assert!(done.stderr.contains("again to resume"), "{}", done.stderr);
     let (done, said) = run(&[]);
     assert_eq!((&said["status"], &said["version"], &said["run"]), (&"done".into(), &1.into(), &done.last["run"]));
     assert_eq!(said["spec_hash"], blake3::hash(SPEC.as_bytes()).to_hex().to_string());
@@ -266,7 +266,7 @@ fn user_every_end_of_a_run_has_its_status_and_its_summary() {
     let store = format!("store={}", bench.path("searched").display());
     let refused = bench.magline(&["run", &search, "--set", &store, "--until", "scores"]);
     assert_eq!(refused.status.code(), Some(2));
-    assert!(stderr(&refused).contains("`--until` is not for a spec with a `[search]`"), "{}", stderr(&refused));
+    assert!(stderr(&refused).contains("`--until` cannot be combined with a `[search]`"), "{}", stderr(&refused));
 }
 
 #[test]

@@ -280,7 +280,7 @@ fn r11_tables_change_together_and_a_reader_keeps_what_it_opened() {
     assert!(!folder.join("scores").exists());
     // What someone else put there stays, in the version that it was put into too.
     assert!(
-        folder.join("clean/notes.txt").is_file() && stdout(&output).contains("not magline's"),
+        folder.join("clean/notes.txt").is_file() && stdout(&output).contains("magline did not write"),
         "{}",
         stdout(&output)
     );

@@ -331,7 +331,7 @@ fn user_a_set_is_published_to_a_bucket_as_to_a_folder() {
     lab.server.faults(|asked| if asked.number % 4 == 0 { Fault::Status(500) } else { Fault::None });
     let bucket = to(&address("sets/smooth"));
     assert_eq!(bucket.code, 0, "{}", bucket.err);
-    assert!(to(&address("sets/smooth")).out.contains("the same data set already"));
+    assert!(to(&address("sets/smooth")).out.contains("already holds the same published set"));
     lab.server.faults(|_| Fault::None);
     assert_same(&all_files(&lab.path("set")), &all_files(&lab.server.path("sets/smooth")), "the set");
     let there = lab.server.path("sets/smooth").display().to_string();
