@@ -204,7 +204,7 @@ fn user_the_report_shows_the_quality_of_the_data() {
         "! 120, 11.90 s</td>",
         // Twice 60 missing values: 6.1 s from the last before to the first after.
         "! 120, 6.100 s</td>",
-        "Flight 7: samples that need a look, over time",
+        "Flight 7: flagged samples over time",
         "class=\"stuck\"",
         "class=\"missing\"",
         "class=\"gap\"",
@@ -213,7 +213,7 @@ fn user_the_report_shows_the_quality_of_the_data() {
     }
     // The worst first, and what needs no look is folded.
     let place = |word: &str| section.find(&format!("<td>{word}</td>")).unwrap();
-    assert!(place("mag_1_uc") < place("cur_1") && section.find("without a mark").unwrap() < place("cur_1"));
+    assert!(place("mag_1_uc") < place("cur_1") && section.find("not flagged").unwrap() < place("cur_1"));
     // The figures are kept: without the log's being read again.
     assert_eq!(first, page());
 }

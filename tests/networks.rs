@@ -189,7 +189,9 @@ fn user_the_report_shows_trainings_and_which_inputs_matter() {
     // A picture for each model, of all lines and seeds; and a beeswarm, whose colours are the values of inputs.
     assert_eq!(page.matches("<strong>matters: model = m1").count(), 1, "seeds are no models of their own");
     assert_eq!(page.matches("<strong>parts: model = m1").count(), 2, "bars and a beeswarm");
-    assert!(page.contains("#ff0051") && page.contains("#008bfb") && page.contains("part of the prediction, nT"));
+    assert!(
+        page.contains("#ff0051") && page.contains("#008bfb") && page.contains("contribution to the prediction, nT")
+    );
 }
 
 /// Flights of the survey aircraft with sensors as real ones are, and of another one of the type: other fields at a magnetometer in

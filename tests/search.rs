@@ -129,13 +129,16 @@ fn user_every_trial_is_a_row_and_the_best_is_told() {
     assert!(text.contains("4 tables, at most 49 points"), "{text}");
     let text = stdout(&bench.magline(&["explain", "spec.toml"]));
     assert!(
-        text.contains("search tpe for scores.std_error where line like '%.02': 16 trials, 4 together, 4 of them known"),
+        text.contains(
+            "search tpe for scores.std_error where line like '%.02': 16 trials, 4 at a time, 4 of them \
+                       planned"
+        ),
         "{text}"
     );
     assert!(text.contains("axis lambda = searched: 0.000001 to 100, by ratio"), "{text}");
-    assert!(text.contains("at 4 points: trial (4), at most 16 when the search is over; 2 lines"), "{text}");
+    assert!(text.contains("at 4 points: trial (4), at most 16 after the search; 2 lines"), "{text}");
     // Terms on 4 lines; a fit, and 4 lines compensated and scored, for each trial.
-    assert!(text.contains("the whole search has at most 148 units"), "{text}");
+    assert!(text.contains("the complete search has at most 148 units"), "{text}");
     let output = bench.magline(&["run", "spec.toml"]);
     assert!(output.status.success(), "{}", stderr(&output));
     let trials = read(&bench.path("store/tables/small/trials"));
@@ -165,7 +168,7 @@ fn user_every_trial_is_a_row_and_the_best_is_told() {
     let done = bench.run(&[]);
     assert_eq!((done.code, done.total("computed")), (0, 0), "{}", done.stderr);
     let text = stdout(&bench.magline(&["explain", "spec.toml"]));
-    assert!(text.contains("16 of them known") && text.contains("64 of 64 are there, 0 to compute"), "{text}");
+    assert!(text.contains("16 of them planned") && text.contains("64 of 64 stored, 0 to compute"), "{text}");
     assert!(bench.magline(&["report", "spec.toml", "-o", "a.html"]).status.success());
     let page = std::fs::read_to_string(bench.path("a.html")).unwrap();
     assert!(
@@ -259,7 +262,7 @@ fn user_the_cost_of_a_search_is_that_of_all_its_trials() {
         let before = cost();
         assert_eq!(before["trials_assumed"], assumed);
         let text = stdout(&bench.magline(&["explain", "spec.toml", "--cost"]));
-        assert!(text.contains(&format!("with {assumed} trials whose values are assumed")), "{text}");
+        assert!(text.contains(&format!("the parameter values of {assumed} trials are assumed")), "{text}");
         let done = events(&bench, &[]).pop().unwrap();
         for table in before["tables"].as_array().unwrap() {
             let name = table["table"].as_str().unwrap();

@@ -164,7 +164,7 @@ fn user_whatever_writes_is_refused() {
         "SET datafusion.execution.batch_size = 1".to_owned(),
     ] {
         let wrong = served.ask(client, &query).unwrap_err();
-        assert!(wrong.contains("refused"), "{query}: {wrong}");
+        assert!(wrong.contains("rejected"), "{query}: {wrong}");
         let updated = served.runtime.block_on(client.execute_update(query.clone(), None));
         assert!(updated.unwrap_err().to_string().contains("read-only"), "{query}");
     }
@@ -218,7 +218,7 @@ fn user_prepared_statements_take_parameters() {
     assert!(wrong.contains("2 rows of parameters"), "{wrong}");
     served.runtime.block_on(statement.close()).unwrap();
     let refused = served.runtime.block_on(client.prepare("DROP TABLE small.clean".to_owned(), None));
-    assert!(refused.is_err_and(|e| e.to_string().contains("refused")));
+    assert!(refused.is_err_and(|e| e.to_string().contains("rejected")));
 }
 
 #[test]
@@ -305,7 +305,7 @@ fn user_a_query_that_needs_too_much_says_so_and_damage_is_named() {
     let client = &mut served.client();
     let large = "SELECT array_length(array_agg(a.mag_c + b.mag_c)) FROM small.clean a, small.clean b";
     let wrong = served.ask(client, large).unwrap_err();
-    assert!(wrong.contains("needs more memory than the 16.8 MB"), "{wrong}");
+    assert!(wrong.contains("exceeds its memory limit of 16.8 MB"), "{wrong}");
     let long = format!("SELECT '{}'", "x".repeat(2 << 20));
     let wrong = served.ask(client, &long).unwrap_err();
     assert!(wrong.contains("bytes long"), "{wrong}");

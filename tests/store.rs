@@ -174,7 +174,7 @@ fn r11_an_unchanged_run_writes_nothing_but_its_history() {
     let runs = stdout(&bench.magline(&["runs", "small", "--store", "store"]));
     assert_eq!(runs.lines().count(), 3, "{runs}");
     let same = bench.magline(&["runs", "small", "1", "2", "--store", "store"]);
-    assert!(stdout(&same).contains("asked the same of the same data"), "{}", stdout(&same));
+    assert!(stdout(&same).contains("have the same spec and the same inputs"), "{}", stdout(&same));
 }
 
 #[test]
