@@ -370,7 +370,7 @@ fn user_what_no_training_can_begin_with_is_refused() {
     let linear = said("model = \"ridge\"\nwarm_start = \"network\"");
     assert!(linear.contains("`ridge` has no weights to begin with") && linear.contains("warm_start = "), "{linear}");
     let lines = said("model = \"m1\"\nwarm_start = \"terms\"");
-    assert!(lines.contains("`warm_start` needs a model table, but `terms` is a table of flight lines"), "{lines}");
+    assert!(lines.contains("`warm_start` requires a model table, but `terms` is a table of flight lines"), "{lines}");
     let unknown = said("model = \"m1\"\nwarm_start = \"netwrok\"");
     assert!(unknown.contains("did you mean `network`?"), "{unknown}");
     let missing = said("model = \"m1\"\nwarm_start = \"flights\"");

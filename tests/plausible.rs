@@ -292,7 +292,7 @@ fn r10_accept_and_the_name_of_the_table_are_checked() {
     bench.spec(&SPEC.replace("\"even\"", "\"quality\""));
     let done = bench.run(&[]);
     assert_eq!(done.code, 2);
-    contains(&done.stderr, &["`quality` is the table of the quality of the data"]);
+    contains(&done.stderr, &["`quality` is the table of data quality"]);
 }
 
 #[test]

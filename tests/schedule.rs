@@ -115,7 +115,15 @@ fn user_a_holder_that_was_killed_or_is_silent_does_not_lock() {
     fs::write(&other, holder.to_string()).unwrap();
     let done = bench.run(&[]);
     assert_eq!(done.code, 3);
-    assert!(done.stderr.contains("on elsewhere, since") && done.stderr.contains("last sign"), "{}", done.stderr);
+    assert!(
+        done.stderr.contains("on elsewhere, since")
+            && done.stderr.contains(
+                "lease last \
+        renewed"
+            ),
+        "{}",
+        done.stderr
+    );
     let old = SystemTime::now() - Duration::from_secs(600);
     File::options().write(true).open(&other).unwrap().set_modified(old).unwrap();
     let done = bench.run(&[]);

@@ -343,7 +343,7 @@ fn user_axes_without_effect_ordinary_least_squares_and_edges_are_noted() {
 fn user_an_incomplete_publish_does_not_block_a_run() {
     let text = format!("{}\n[publish]\ntitle = \"t\"\n", spec(&[]));
     let (bench, _, err) = ran(&text);
-    assert!(err.contains("`[publish]` is not complete") && err.contains("`publish` needs `licence`"), "{err}");
+    assert!(err.contains("`[publish]` is incomplete") && err.contains("`publish` needs `licence`"), "{err}");
     for args in [vec!["check", "spec.toml"], vec!["publish", "spec.toml", "scores", "--to", "set"]] {
         let output = bench.magline(&args);
         assert_eq!(output.status.code(), Some(2), "{args:?}");

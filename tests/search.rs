@@ -88,7 +88,7 @@ fn user_what_is_wrong_with_a_search_is_said_before_anything_runs() {
     says(&format!("[search]\ntrials = 0\ngoal = 'scores.std_error'\n{AXES}"), &["`trials` must be 1 to 100000, not 0"]);
     says(&format!("[search]\ntrials = 4\ngoal = 'score.std_error'\n{AXES}"), &["did you mean `scores`?"]);
     says(&format!("[search]\ntrials = 4\ngoal = 'scores.std_eror'\n{AXES}"), &["did you mean `std_error`?"]);
-    says(&format!("[search]\ntrials = 4\ngoal = 'clean.std_error'\n{AXES}"), &["is not a table of scores of lines"]);
+    says(&format!("[search]\ntrials = 4\ngoal = 'clean.std_error'\n{AXES}"), &["is not a table of line scores"]);
     says(&format!("[search]\ntrials = 4\ngoal = 'std_error'\n{AXES}"), &["`goal` cannot be `std_error`"]);
     says(&format!("{goal}where = \"lat > 3\"\n{AXES}"), &["there is no column `lat`"]);
     says(&format!("{goal}start = 3\nmethod = 'random'\n{AXES}"), &["`start` belongs to `tpe`, not to `random`"]);
@@ -98,18 +98,26 @@ fn user_what_is_wrong_with_a_search_is_said_before_anything_runs() {
         &format!(
             "{goal}[search.axes]\nlambda = {{ low = 1.0, high = 1.0 }}\ntrim = {{ low = 0.5, high = 9, whole = true }}\n"
         ),
-        &["`low` of the axis `lambda` is 1, not below `high`, 1", "`low` of the axis `trim` is 0.5, no whole number"],
+        &[
+            "`low` of the axis `lambda` is 1; it must be below `high`, 1",
+            "`low` of the axis `trim` is 0.5; it must be \
+            a whole number",
+        ],
     );
     says(
         &format!("{goal}[search.axes]\nlambda = {{ low = 0.0, high = 1.0, log = true }}\ntrim = [1]\n"),
-        &["`low` of the axis `lambda` is 0, which has no logarithm"],
+        &["`low` of the axis `lambda` is 0; with `log` it must be positive"],
     );
     says(&format!("[axes]\ntrim = [1, 2]\n{goal}{AXES}"), &["the axis `trim` is both searched and listed"]);
-    says(&format!("{goal}{AXES}more = [1, 2]\n"), &["no stage takes the searched axis `more`"]);
+    says(&format!("{goal}{AXES}more = [1, 2]\n"), &["no stage uses the searched axis `more`"]);
     says(&format!("{goal}{AXES}state = [1, 2]\n"), &["has the name of a column of the table of trials"]);
-    says(goal, &["`search` needs `[search.axes]`"]);
+    says(goal, &["`search` requires `[search.axes]`"]);
     says(&format!("{goal}[search.axes]\nlambda = [1.0, 2.0]\n"), &["there is no axis `trim`"]);
-    says(&format!("{goal}halving = {{ axis = 'lambda', values = [1] }}\n{AXES}"), &["`halving` has one rung"]);
+    says(
+        &format!("{goal}halving = {{ axis = 'lambda', values = [1] }}\n{AXES}"),
+        &["`halving` requires at least two \
+        rungs"],
+    );
     says(
         &format!("{goal}halving = {{ axis = 'lambda', values = [1, 2] }}\n{AXES}"),
         &["the axis `lambda` of `halving` is also searched"],
@@ -176,7 +184,7 @@ fn user_every_trial_is_a_row_and_the_best_is_told() {
             && page.contains("Goal of each trial")
             && page.contains("searched: 0.000001 to 100")
     );
-    assert!(!page.contains("of another version"), "the report takes the trials of the last run for its own");
+    assert!(!page.contains("of the earlier spec or data"), "the report takes the trials of the last run for its own");
 }
 
 #[test]

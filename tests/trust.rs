@@ -355,8 +355,8 @@ fn r10_set_goes_through_the_checks_of_the_file() {
         ("coefficients.where=lin = '1'", "did you mean `line`?"),
         ("nothing=1", "`--set` cannot set `nothing`"),
         ("axes=1", "`--set` cannot set `axes`"),
-        ("justakey", "`--set` takes KEY=VALUE"),
-        ("=1", "`--set` takes KEY=VALUE"),
+        ("justakey", "`--set` requires KEY=VALUE"),
+        ("=1", "`--set` requires KEY=VALUE"),
     ]
     .map(|(a, b)| (a.to_owned(), b.to_owned()))
     .into_iter()

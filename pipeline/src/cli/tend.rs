@@ -42,7 +42,7 @@ impl StoreArgs {
     fn root(&self) -> Result<&Path, Fault> {
         pulled(&self.store)?;
         if !self.store.join("STORE").is_file() {
-            let fault = Fault::new(format!("there is no store at {}", shown(&self.store)));
+            let fault = Fault::new(format!("there is no store {}", shown(&self.store)));
             return Err(fault.help("give its folder or address with `--store`"));
         }
         Ok(&self.store)

@@ -267,7 +267,7 @@ fn user_whoever_publishes_first_is_not_overwritten() {
     let late = lab.run(&address("one"), &cache, &["--set", "axes.corner=[0.4]"]);
     assert_eq!(late.code, 1, "{}", late.err);
     let said = format!("{}{}", late.out, late.err);
-    assert!(said.contains("another run has published `small`") && said.contains("run it again"), "{said}");
+    assert!(said.contains("another run published `small`") && said.contains("run the spec again"), "{said}");
     assert!(fs::read_to_string(lab.server.path(newest)).unwrap().contains("theirs"));
     // The other writer is gone as well; what was computed is there.
     lab.server.faults(|_| Fault::None);
