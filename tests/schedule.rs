@@ -376,7 +376,7 @@ fn user_a_watched_folder_takes_what_is_whole_and_names_what_is_not() {
     let done = bench.run(&["--settle", "1h"]);
     assert_eq!((done.code, done.total("computed")), (0, 0), "{}", done.stderr);
     let notes = done.last["notes"].to_string();
-    assert!(notes.contains("left out") && notes.contains("flights/3.parquet"), "{notes}");
+    assert!(notes.contains("skipped by `--settle`") && notes.contains("flights/3.parquet"), "{notes}");
     // When it is whole the next run has it, and computes its units alone.
     fs::write(bench.path("flights/3.parquet"), &bytes).unwrap();
     old("flights/3.parquet");
@@ -385,5 +385,5 @@ fn user_a_watched_folder_takes_what_is_whole_and_names_what_is_not() {
     let lines = texts(&read(&bench.path("store/tables/small/even")), "line");
     assert!(lines.contains(&"3.02".to_owned()));
     let none = bench.run(&["--settle", "1d"]);
-    assert!(none.code == 2 && none.stderr.contains("has no file that is settled"), "{}", none.stderr);
+    assert!(none.code == 2 && none.stderr.contains("has no file that was unmodified"), "{}", none.stderr);
 }

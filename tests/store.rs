@@ -343,7 +343,7 @@ fn store_results_stay_where_the_list_of_a_version_is_damaged() {
     let packs = files(&bench.path("store/objects")).len();
     let output = bench.magline(&["gc", "--store", "store", "--yes"]);
     assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
-    assert!(stderr(&output).contains("its packs are not known"), "{}", stderr(&output));
+    assert!(stderr(&output).contains("its packs are unknown"), "{}", stderr(&output));
     assert_eq!(files(&bench.path("store/objects")).len(), packs);
     let again = bench.run(&[]);
     assert_eq!((again.code, again.total("computed")), (0, 0), "{}", again.stderr);

@@ -116,7 +116,7 @@ pub fn lines(
     let missing: Vec<Fault> = flights.iter().filter_map(|(flight, found)| found.missing(flight)).collect();
     flights.retain(|(_, found)| !found.lines.is_empty());
     if flights.is_empty() {
-        let none = || Fault::data("the files hold no samples");
+        let none = || Fault::data("the files contain no samples");
         return Err(missing.into_iter().next().unwrap_or_else(none).into());
     }
     missing.iter().for_each(|fault| note(&format!("{}; its samples are dropped", fault.what)));

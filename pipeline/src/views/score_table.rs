@@ -222,7 +222,7 @@ mod tests {
         }
         let narrow = render(&scores(3), 80, 100);
         assert!(narrow.contains("omitted to fit the width: std_uncompensated"), "{narrow}");
-        assert!(!render(&scores(3), 200, 100).contains("left out"));
+        assert!(!render(&scores(3), 200, 100).contains("omitted"));
     }
 
     #[test]
