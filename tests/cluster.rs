@@ -112,7 +112,7 @@ fn user_a_cluster_gives_the_bytes_of_a_local_run_and_each_unit_once() {
     until("the processes of the workers have ended", || {
         let gc = bench.magline(&["gc", "--yes"]);
         assert!(gc.status.success());
-        !stdout(&gc).contains("at work in the store")
+        !stdout(&gc).contains("a run is using the store")
     });
     same(&bench, "whole", "store");
 }

@@ -313,7 +313,7 @@ fn user_a_line_that_is_wrong_leaves_the_others() {
     let output = magline(folder.path(), &["ingest", "a.csv", "--to", "out"]);
     assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
     assert!(
-        stderr(&output).contains("line 7.02") && stderr(&output).contains("2 lines written, 1 line left out"),
+        stderr(&output).contains("line 7.02") && stderr(&output).contains("2 lines written, 1 line rejected"),
         "{}",
         stderr(&output)
     );

@@ -240,7 +240,7 @@ fn r10_spikes_infinities_and_dropouts_are_missing_and_counted() {
     let bad = changed(&total("1.01", 400), "mag_4_uc", |i, x| if i % 5 == 0 { 9e5 } else { x });
     contains(
         &refused(&[bad], ""),
-        &["column `mag_4_uc`, row 0: 900,000 nT", "nor are 80 of 400 values", "correct the file"],
+        &["column `mag_4_uc`, row 0: 900,000 nT", "this applies to 80 of 400 values", "correct the file"],
     );
 }
 

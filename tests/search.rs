@@ -127,7 +127,7 @@ fn user_what_is_wrong_with_a_search_is_said_before_anything_runs() {
     bench.spec(&spec(&format!("{goal}where = \"line = '9.09'\"\n{AXES}")));
     let output = bench.magline(&["run", "spec.toml"]);
     assert_eq!(output.status.code(), Some(2));
-    assert!(stderr(&output).contains("the goal of the search is of no line"), "{}", stderr(&output));
+    assert!(stderr(&output).contains("the goal of the search selects no line"), "{}", stderr(&output));
 }
 
 #[test]
@@ -412,7 +412,7 @@ fn user_halving_takes_the_best_third_on() {
     // 18 fits at the first rung and 6 at the second, not 36.
     assert_eq!(done.computed("coefficients"), 24);
     let text = stdout(&bench.magline(&["explain", "spec.toml"]));
-    assert!(text.contains("rungs share = 1.01 | 2.01; 1 trial of 3 goes on to the next"), "{text}");
+    assert!(text.contains("rungs share = 1.01 | 2.01; 1 of 3 trials is promoted to the next rung"), "{text}");
     assert!(bench.magline(&["report", "spec.toml", "-o", "a.html"]).status.success());
     assert_eq!(bench.run(&[]).total("computed"), 0);
 }
@@ -441,6 +441,6 @@ fn user_a_trial_that_fails_is_the_worst_and_is_named() {
     let output = bench.magline(&["run", "spec.toml", "--set", "search.axes.trim=[400]", "--set", "store=none"]);
     assert_eq!(output.status.code(), Some(1));
     let text = stderr(&output);
-    assert!(text.contains("the goal `scores.std_error` has no value at any of 4 trials"), "{text}");
+    assert!(text.contains("the goal `scores.std_error` has no value in any of 4 trials"), "{text}");
     assert_eq!(numbers(&read(&bench.path("none/tables/small/trials")), "trial").len(), 4);
 }

@@ -229,7 +229,7 @@ fn r11_one_run_of_a_pipeline_at_a_time() {
     let told = start(&[]).wait_with_output().unwrap();
     assert_eq!(told.status.code(), Some(3));
     assert!(
-        stderr(&told).contains("another run of `small` is at work") && stderr(&told).contains("--wait"),
+        stderr(&told).contains("another run of `small` holds the lock") && stderr(&told).contains("--wait"),
         "{}",
         stderr(&told)
     );

@@ -137,7 +137,7 @@ fn r10_a_question_reads_the_store_and_nothing_else() {
         for table in ["linked", "half"] {
             let output = bench.magline(&["sql", &format!("SELECT count(*) FROM small.{table}")]);
             assert_eq!(output.status.code(), Some(2), "{}", stdout(&output));
-            assert!(stderr(&output).contains("is a link out of the store"), "{}", stderr(&output));
+            assert!(stderr(&output).contains("is a link to a place outside the store"), "{}", stderr(&output));
         }
         assert!(bench.magline(&["sql", "SELECT count(*) FROM small.scores"]).status.success());
     }

@@ -211,7 +211,7 @@ fn user_two_runs_at_once_compute_each_unit_once() {
     let second = lab.begun(&address("one"), USERS[1], &lab.cache(), &["--wait"]);
     let third = ended(lab.begun(&address("one"), USERS[2], &lab.cache(), &[]));
     assert_eq!(third.code, 3, "{}", third.err);
-    assert!(third.err.contains(&format!("at work in {}: process {}", address("one"), first.id())), "{}", third.err);
+    assert!(third.err.contains(&format!("holds the lock in {}: process {}", address("one"), first.id())), "{}", third.err);
     open.store(true, Ordering::SeqCst);
     let [first, second] = [first, second].map(ended);
     assert_eq!((first.counts(), second.counts()), ((0, units, 0), (0, 0, units)), "{} {}", first.err, second.err);
