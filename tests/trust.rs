@@ -331,7 +331,7 @@ fn r10_set_goes_through_the_checks_of_the_file() {
         ("name=.", "cannot be a name"),
         ("name=7", "`7` cannot be a name"),
         ("name=[1]", "`name` must be text"),
-        ("store=ftp://host/store", "addresses of the kind `ftp://` are not known"),
+        ("store=ftp://host/store", "addresses that begin with `ftp://` are not supported"),
         ("store=", "the store `` is not a folder"),
         ("store=a\nb", "is not a folder"),
         ("store=[1]", "`store` must be text"),

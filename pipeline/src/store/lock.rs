@@ -300,8 +300,8 @@ impl Publisher {
         };
         let seconds = GONE_AFTER.as_secs();
         let what = format!(
-            "the lock of `{}` is now held by {by}, because this run did not renew its lease for {seconds} \
-                     s",
+            "the lock of `{}` is now held by {by}, because this run did not renew its lease for \
+             {seconds} s",
             self.pipeline
         );
         Err(Fault::machine(what).help("nothing was published; finished results are stored, run the spec again"))

@@ -232,7 +232,7 @@ fn unit_damage_in_a_copy_is_mended_and_damage_in_the_store_is_set_aside() {
     assert_eq!(other.damaged(), Vec::<String>::new());
     lab.server.cut.store(1000, Ordering::SeqCst);
     let fault = other.whole(key("c")).unwrap_err().to_string();
-    assert!(fault.contains("cut short"), "{fault}");
+    assert!(fault.contains("truncated"), "{fault}");
     lab.server.cut.store(0, Ordering::SeqCst);
     assert_eq!(other.whole(key("c")).unwrap(), batch(1000, 1.0), "a server that cuts is no damage");
     // An object with a flipped bit is never read, and out of the way.
