@@ -420,7 +420,7 @@ fn r10_publishing_leaves_what_is_not_its_own() {
     let done = bench.run(&[]);
     assert_eq!(done.code, 1, "{}", done.stderr);
     let text = serde_json::to_string(&done.last).unwrap();
-    assert!(text.contains("leads out of the store"), "{text}");
+    assert!(text.contains("is a link to a place outside the store"), "{text}");
     assert_eq!(fs::read(bench.path("thesis/part-9.parquet")).unwrap(), b"years of work");
     assert_eq!(fs::read_dir(bench.path("thesis")).unwrap().count(), 1);
     assert_eq!(fs::read(bench.path("store/tables/small/clean/notes.txt")).unwrap(), b"mine");
