@@ -63,7 +63,7 @@ fn one(name: &str, value: &Spanned<DeValue>) -> Result<Literal, Fault> {
     let Some(items) = value.get_ref().as_array() else { return Ok(found) };
     let deeper = items.iter().find(|v| v.get_ref().is_array());
     match deeper {
-        Some(v) => Err(Fault::new(format!("a value of the axis `{name}` cannot hold a list of lists")).at(v.span())),
+        Some(v) => Err(Fault::new(format!("a value of the axis `{name}` cannot contain a list of lists")).at(v.span())),
         None => Ok(found),
     }
 }
@@ -227,7 +227,7 @@ mod tests {
         let says = |toml, what: &str, at: &str| assert_eq!(fault(toml), (what.to_owned(), at.to_owned()));
         says("['tl', ['tl', 'x']]", "the axis `mags` mixes a text with a list", "['tl', 'x']");
         says("[['a', 'b'], ['a+b']]", "the axis `mags` has the value `a+b` twice", "['a+b']");
-        says("[['a', ['b']]]", "a value of the axis `mags` cannot hold a list of lists", "['b']");
+        says("[['a', ['b']]]", "a value of the axis `mags` cannot contain a list of lists", "['b']");
         says("{ subset_of = ['a'] }", "the axis `mags` has no key `subset_of`", "subset_of");
         says("{ subsets_of = ['a'], up_to = 2 }", "`up_to` must be a whole number from 0 to 1", "2");
         says("{ subsets_of = 'a' }", "`subsets_of` must be a list", "'a'");

@@ -17,9 +17,9 @@ params! {
     /// The family name of a person.
     family: Option<String>, unit "", default None, absent "`name`";
     /// The person's ORCID, such as `0000-0002-1825-0097`.
-    orcid: Option<String>, unit "", default None, absent "not given";
+    orcid: Option<String>, unit "", default None, absent "none";
     /// The institute the author works at.
-    affiliation: Option<String>, unit "", default None, absent "not given";
+    affiliation: Option<String>, unit "", default None, absent "none";
 }
 
 impl Author {
@@ -54,7 +54,7 @@ params! {
     /// The version of the data set, `MAJOR.MINOR.PATCH`.
     version: String, unit "", default "1.0.0";
     /// The DOI, such as `10.5281/zenodo.1234567`.
-    doi: Option<String>, unit "", default None, absent "not given";
+    doi: Option<String>, unit "", default None, absent "none";
     /// The address of the data set's page.
     url: Option<String>, unit "", default None, absent "the address of the DOI";
     /// Words to find it by.

@@ -46,7 +46,7 @@ pub fn table(cost: &Cost) -> String {
 fn row(t: &TableCost) -> Vec<String> {
     let mut row = vec![t.table.clone(), t.stage.clone()];
     if !t.kept {
-        row.extend(["not kept", "where needed"].map(str::to_owned));
+        row.extend(["not kept", "as required"].map(str::to_owned));
         return row;
     }
     row.extend([t.there.to_string(), t.units.to_string()]);

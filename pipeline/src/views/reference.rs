@@ -121,8 +121,8 @@ fn kind(kind: InputKind) -> &'static str {
     match kind {
         InputKind::Lines => "flight lines",
         InputKind::Scores => "a table of scores",
-        InputKind::Record => "a record: flight lines, all of them for each line",
-        InputKind::ManyRecords => "one or several records: flight lines, all of them for each line",
+        InputKind::Record => "a record: flight lines; each line reads all of them",
+        InputKind::ManyRecords => "one or several records: flight lines; each line reads all of them",
         InputKind::ManyLines => "one or several tables of flight lines",
         InputKind::Model => "model",
         InputKind::Map => "map",

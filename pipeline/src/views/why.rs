@@ -52,7 +52,7 @@ pub fn why(graph: &Graph, store: &Store, table: &str) -> Result<String, Fault> {
                 None => reasons.push(format!("{}: the point {} is new", now.name, spelt.join(" "))),
                 Some(params) => {
                     for (name, value) in it.params() {
-                        let was = params.get(name).map_or("(not there)", String::as_str);
+                        let was = params.get(name).map_or("(absent)", String::as_str);
                         if was != value {
                             reasons.push(format!("{}: {name} {was} -> {value}", now.name));
                         }

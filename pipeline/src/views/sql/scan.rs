@@ -187,7 +187,7 @@ impl Source {
         let own = logical.key(i, 0).ok_or_else(|| Fault::bug("a unit without a key"))?;
         let rows = self.objects.find(own).and_then(|p| p.rows);
         let rows = rows.ok_or_else(|| {
-            Fault::machine(format!("the store no longer holds {own}")).help("run the spec again to recompute it")
+            Fault::machine(format!("the store no longer contains {own}")).help("run the spec again to recompute it")
         })?;
         let mut wanted: HashMap<Key, Vec<&str>> = HashMap::new();
         for field in schema.fields() {
