@@ -8,9 +8,9 @@ use schemas::{Args, Fault, Lists, Literal, Reader, Rule, Section, Sections, Valu
 use crate::clock;
 
 params! {
-    /// An author: a person by `given` and `family`, a body by `name`.
+    /// An author: a person with `given` and `family`, or an organisation with `name`.
     pub struct Author;
-    /// The name of a body, such as an institute, or of a person whose name has no two parts.
+    /// The name of an organisation, or of a person with a single name.
     name: Option<String>, unit "", default None, absent "`given` and `family`";
     /// The given names of a person.
     given: Option<String>, unit "", default None, absent "`name`";
@@ -18,7 +18,7 @@ params! {
     family: Option<String>, unit "", default None, absent "`name`";
     /// The person's ORCID, such as `0000-0002-1825-0097`.
     orcid: Option<String>, unit "", default None, absent "none";
-    /// The institute the author works at.
+    /// The institution of the author.
     affiliation: Option<String>, unit "", default None, absent "none";
 }
 
@@ -33,7 +33,7 @@ impl Author {
 }
 
 params! {
-    /// What a published data set says of itself: the table `[publish]` of a spec.
+    /// The metadata of a published set: the table `[publish]` of a spec.
     pub struct PublishFacts;
     /// The title of the data set.
     title: String, unit "";
@@ -57,19 +57,19 @@ params! {
     doi: Option<String>, unit "", default None, absent "none";
     /// The address of the data set's page.
     url: Option<String>, unit "", default None, absent "the address of the DOI";
-    /// Words to find it by.
+    /// Keywords.
     keywords: Vec<String>, unit "", default Vec::<String>::new();
-    /// Whether the input files are copied into the data set, so that it can be computed again from itself. Their licences
-    /// must allow that.
+    /// Whether to copy the input files into the published set, so that it can be recomputed from its own files. Their
+    /// licences must permit that.
     include_inputs: bool, unit "", default false;
-    /// For the datasheet: why the data were recorded.
-    motivation: Option<String>, unit "", default None, absent "no reason";
-    /// For the datasheet: how, where and with what they were recorded.
-    collection: Option<String>, unit "", default None, absent "no reason";
-    /// For the datasheet: what they can be used for, and what not.
-    uses: Option<String>, unit "", default None, absent "no reason";
+    /// For the datasheet: the purpose of the data.
+    motivation: Option<String>, unit "", default None, absent "not provided";
+    /// For the datasheet: the method, place and equipment of the recording.
+    collection: Option<String>, unit "", default None, absent "not provided";
+    /// For the datasheet: suitable and unsuitable uses.
+    uses: Option<String>, unit "", default None, absent "not provided";
     /// For the datasheet: known faults and limits.
-    limits: Option<String>, unit "", default None, absent "no reason";
+    limits: Option<String>, unit "", default None, absent "not provided";
 }
 
 /// What must be written where the table is missing.

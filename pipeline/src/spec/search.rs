@@ -25,13 +25,13 @@ const OWN_KEYS: [&str; 3] = ["axes", "where", "halving"];
 const TAKEN: [&str; 7] = [TRIAL, "generation", "rung", "goal", "state", "error", "lines"];
 
 choice! {
-    /// How trials are proposed.
+    /// The method that proposes trials.
     pub enum MethodName {
         /// Uniformly at random.
         Random = "random",
-        /// Sobol's sequence, which fills the space more evenly.
+        /// Sobol sequence, which fills the space more evenly.
         Sobol = "sobol",
-        /// The tree-structured Parzen estimator: where good trials are dense and the others are not.
+        /// Tree-structured Parzen estimator, which prefers regions with a high density of good trials.
         Tpe = "tpe",
     }
 }
@@ -39,9 +39,9 @@ choice! {
 choice! {
     /// The direction of improvement of the goal.
     pub enum Direction {
-        /// Small ones.
+        /// Smaller values are better.
         Minimise = "minimise",
-        /// Large ones.
+        /// Larger values are better.
         Maximise = "maximise",
     }
 }
@@ -49,7 +49,7 @@ choice! {
 params! {
     /// The table `[search]` of a spec.
     pub struct SearchKeys;
-    /// How trials are proposed.
+    /// The method that proposes trials.
     method: MethodName, unit "", default MethodName::Tpe;
     /// The number of trials.
     trials: usize, unit "", rule Rule::Between(1.0, MOST_TRIALS);
@@ -75,7 +75,7 @@ params! {
     low: f64, unit "", rule Rule::Finite;
     /// The upper end.
     high: f64, unit "", rule Rule::Finite;
-    /// Whether equal ratios count alike, rather than equal differences.
+    /// Whether the axis is logarithmic.
     log: bool, unit "", default false;
     /// Whether the values are whole numbers, both ends included.
     whole: bool, unit "", default false;
@@ -84,9 +84,9 @@ params! {
 params! {
     /// Successive halving.
     struct HalvingKeys;
-    /// The axis of what a trial costs, such as the epochs of a training: another column of the trials.
+    /// The axis of the cost of a trial, such as the epochs of a training. It is another column of the trials.
     axis: String, unit "";
-    /// One trial of so many goes on to the next rung.
+    /// The reduction factor: one of `eta` trials is promoted to the next rung.
     eta: usize, unit "", default 3usize, rule Rule::Between(2.0, 1000.0);
 }
 
@@ -130,7 +130,7 @@ pub struct Halving {
     pub at: Span,
     /// Its values, the cheapest first.
     pub values: Vec<Literal>,
-    /// One trial of so many goes on to the next rung.
+    /// The reduction factor: one of `eta` trials is promoted to the next rung.
     pub eta: usize,
 }
 

@@ -3,11 +3,11 @@
 use schemas::{Fault, Lists, Literal, Nested, Param, ParamDoc, Reader, Rule, Sections, Value, choice, params};
 
 choice! {
-    /// What a time counts from.
+    /// The zero of a time.
     pub enum Clock {
-        /// The start of the log; `epoch` says when that was.
+        /// The start of the log, given by `epoch`.
         Boot = "boot",
-        /// Midnight; of UTC, or of `zone`.
+        /// Midnight in UTC or in `zone`.
         Day = "day",
         /// 1970-01-01 UTC.
         Unix = "unix",
@@ -19,17 +19,17 @@ choice! {
 }
 
 choice! {
-    /// Which entry of a quaternion is the real part.
+    /// The order of the entries of a quaternion.
     pub enum Order {
-        /// The first.
+        /// The real part is first.
         Wxyz = "wxyz",
-        /// The last.
+        /// The real part is last.
         Xyzw = "xyzw",
     }
 }
 
 choice! {
-    /// The frames that a quaternion turns a vector from and to.
+    /// The source and target frames of a quaternion.
     pub enum Frames {
         /// Nose-right-down to north-east-down.
         FrdToNed = "frd_to_ned",
@@ -39,11 +39,11 @@ choice! {
 }
 
 choice! {
-    /// What a column may be used for.
+    /// The permitted use of a column.
     pub enum ColumnRole {
         /// A target or reference, never a feature.
         Truth = "truth",
-        /// What the aircraft measures.
+        /// A measurement of the aircraft.
         Sensor = "sensor",
         /// Anything else.
         Aux = "aux",
