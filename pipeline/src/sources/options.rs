@@ -21,8 +21,8 @@ params! {
     /// The table of the mapping.
     table: Option<String>, unit "", default None, absent "the only table";
     /// A table of `flight`, `line`, `t_start` and `t_end` (s past midnight UTC) that replaces the lines in the files. A
-    /// sample belongs to the line that contains its time; samples outside all lines are dropped. `auto` finds the lines of
-    /// each flight: straight lines and tie lines, calibration boxes, cloverleafs, figures of eight and circles.
+    /// sample belongs to the line that contains its time; samples outside all lines are dropped. `auto` finds the lines
+    /// of each flight: straight lines and tie lines, calibration boxes, cloverleafs, figures of eight and circles.
     /// `magline ingest --lines auto --picture lines.svg` draws them and writes the table.
     lines: Option<String>, unit "", default None, absent "the lines of the files";
 }

@@ -249,7 +249,8 @@ impl Value for Restricted {
 params! {
     /// Publication restrictions of a table of files: keys of `[tables.NAME]`, in addition to the keys of its format.
     pub struct Protection, all default;
-    /// `true` for the whole table, or the names of columns. `magline publish` rejects results made from them row by row.
+    /// `true` for the whole table, or the names of columns. `magline publish` rejects results made from them row by
+    /// row.
     restricted: Restricted, unit "", default Restricted::None;
     /// The first day of permitted publication, `YYYY-MM-DD`. Without `restricted`, it applies to the whole table.
     embargo: Option<String>, unit "", default None, absent "no end of the restriction";

@@ -184,8 +184,8 @@ params! {
     scale: Vec<f64>, unit "1", default vec![1.0], rule Rule::Finite;
     /// The offsets added to the sensor's x, y and z after `scale`, in `unit`.
     offset: Vec<f64>, unit "of the sensor", default vec![0.0, 0.0, 0.0], rule Rule::Finite;
-    /// The signed sensor axes along the nose, the right wing and down. `+x -y -z` is a sensor whose y and z axes point to
-    /// the left and up.
+    /// The signed sensor axes along the nose, the right wing and down. `+x -y -z` is a sensor whose y and z axes point
+    /// to the left and up.
     axes: String, unit "", default "+x +y +z";
     /// Roll, pitch and yaw of the sensor's axes (after `axes`) relative to the body axes:
     /// body = Rz(yaw) Ry(pitch) Rx(roll) sensor, the rotation of attitude angles.
