@@ -44,10 +44,10 @@ fn gold_unknown_stage_axis_table_column_and_key() {
         (
             "model = \"coefficients\"",
             "model = \"terms\"",
-            "`model` needs a model table, but `terms` is a table of flight lines",
+            "`model` requires a model table, but `terms` is a table of flight lines",
         ),
         ("path = \"flights/\"", "path = \"flight/\"", "there is no file or folder"),
-        ("input   = \"flights\"", "input   = \"clean\"", "made from itself"),
+        ("input   = \"flights\"", "input   = \"clean\"", "depends on itself"),
         ("target = \"$mag\"", "target = \"$mag\"\nfeatures = [\"tl\", \"mag_1_c\"]", "`mag_1_c` is a truth column"),
         ("[0.0, 0.025]", "[]", "the axis `lambda` has no values"),
         ("[0.0, 0.025]", "[0.0, 0.0]", "the axis `lambda` has the value `0` twice"),

@@ -174,19 +174,19 @@ fn user_what_is_no_answer_is_refused_with_its_place() {
     let whole = naive();
     let twice = arrow_select::concat::concat_batches(&whole.schema(), &[whole.clone(), whole.slice(3, 1)]).unwrap();
     let cases: Vec<(RecordBatch, &str)> = vec![
-        (twice, "is predicted twice, before in row 3"),
+        (twice, "is a duplicate of row 3"),
         (
             changed(&whole, "mag_4_comp", |i, x| if i == 5 { f64::NAN } else { x }),
             "row 5: the prediction is not a finite number",
         ),
-        (changed(&whole, "mag_4_comp", |_, x| x * 1000.0), "it would be right in pT"),
-        (changed(&whole, "mag_4_comp", |_, x| x * 1e-9), "it would be right in T"),
+        (changed(&whole, "mag_4_comp", |_, x| x * 1000.0), "the value is probably in pT"),
+        (changed(&whole, "mag_4_comp", |_, x| x * 1e-9), "the value is probably in T"),
         (changed(&changed(&whole, "lat", |_, x| x.to_radians()), "lon", |_, x| x.to_radians()), "in radians"),
         (changed(&whole, "lat", |i, x| if i == 2 { 95.0 } else { x }), "95 cannot be a latitude"),
         (changed(&whole, "tt", |_, x| x + 0.03), "has no sample at tt"),
         (changed(&whole, "mag_4_comp", |_, _| 51_000.0), "the prediction is 51000 in all"),
         (changed(&whole, "lon", |_, _| 140.7), "the prediction is 140.7 in all"),
-        (without(&whole, "lon"), "needs the columns `lat` and `lon`"),
+        (without(&whole, "lon"), "requires the columns `lat` and `lon`"),
         (without(&whole, "line"), "there is no column `line`"),
         (predicted(&[("mag_4_uc", "mag_4_cmp")]), "did you mean `mag_4_comp`?"),
         (predicted(&[]), "no column of a task"),
@@ -206,7 +206,7 @@ fn user_what_is_no_answer_is_refused_with_its_place() {
         whole.schema().fields().iter().map(|f| f.name().clone()).zip(whole.columns().iter().cloned()).collect();
     columns[1].1 = std::sync::Arc::new(arrow_array::Float64Array::from(lines));
     let said = refused(&RecordBatch::try_from_iter(columns).unwrap());
-    assert!(said.contains("3.1 and 3.10 are the same"), "{said}");
+    assert!(said.contains("do not distinguish 3.1 from 3.10"), "{said}");
     let output = score(&whole, &["--tasks", "navigat"]);
     assert!(output.status.code() == Some(2) && stderr(&output).contains("did you mean `navigate`?"));
     let output = score(&whole, &["--tasks", "map_free"]);

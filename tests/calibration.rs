@@ -65,9 +65,9 @@ fn law_the_trivial_solution_is_told_at_the_end_with_what_it_may_miss() {
     assert!(output.status.success(), "{}", stderr(&output));
     let said = stderr(&output);
     // Six of seven fits are trivial: the first is told, the others are counted.
-    let first = "warning: model: the fit warns at 6 places, first (lambda = 0, vector = flux_a): ";
+    let first = "warning: model: the fit has a warning at 6 places, first (lambda = 0, vector = flux_a): ";
     assert!(said.contains(first) && said.contains("trivial solution"), "{said}");
-    assert!(said.contains("warning: 6 warnings; the table `small.warnings` has each"), "{said}");
+    assert!(said.contains("warning: 6 warnings; the table `small.warnings` lists all"), "{said}");
     let table = read(&bench.path("store/tables/small/model"));
     let (lambda, bound, share) =
         (numbers(&table, "lambda"), numbers(&table, "approximation_bound"), numbers(&table, "trivial_share"));

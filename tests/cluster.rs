@@ -112,7 +112,7 @@ fn user_a_cluster_gives_the_bytes_of_a_local_run_and_each_unit_once() {
     until("the processes of the workers have ended", || {
         let gc = bench.magline(&["gc", "--yes"]);
         assert!(gc.status.success());
-        !stdout(&gc).contains("at work in the store")
+        !stdout(&gc).contains("a run is using the store")
     });
     same(&bench, "whole", "store");
 }
@@ -161,7 +161,7 @@ fn user_without_workers_a_run_ends_in_words_and_the_next_one_goes_on() {
     let (code, last) = ended(&output);
     assert_eq!(code, 1, "{}", stderr(&output));
     let said = last["failures"].to_string();
-    assert!(said.contains("no worker has been at the scheduler") && said.contains("for 8 s"), "{said}");
+    assert!(said.contains("no worker has been registered with the scheduler") && said.contains("for 8 s"), "{said}");
     let finished = total(&last, "computed");
     assert!(finished > 0 && finished < units, "{finished} of {units}");
     // It waited for them before it gave up.
@@ -251,7 +251,14 @@ fn user_a_worker_with_another_store_leaves_in_words_and_the_others_do_the_work()
     let (code, last) = ended(&alone);
     let said = last["failures"].to_string();
     assert_eq!(code, 1, "{}", stderr(&alone));
-    assert!(said.contains("the last one refused its task") && said.contains("there is no store elsewhere"), "{said}");
+    assert!(
+        said.contains("the last worker rejected its task")
+            && said.contains(
+                "there is no store \
+        elsewhere"
+            ),
+        "{said}"
+    );
     assert_eq!(cluster.workers[0].0.wait().unwrap().code(), Some(1));
     assert!(cluster.said().contains("there is no store elsewhere"), "{}", cluster.said());
     assert!(!bench.path("elsewhere").exists());
@@ -268,7 +275,7 @@ fn user_a_worker_with_another_store_leaves_in_words_and_the_others_do_the_work()
     // It may have had no task at all.
     let left = cluster.workers[1].0.try_wait().unwrap();
     let said = cluster.said();
-    assert!(left.is_none_or(|left| left.code() == Some(1) && said.contains("does not hold the plan")), "{said}");
+    assert!(left.is_none_or(|left| left.code() == Some(1) && said.contains("does not contain the plan")), "{said}");
 }
 
 /// Answers every question with the same text.
@@ -312,14 +319,14 @@ fn user_schedulers_that_are_none_or_of_another_version_are_refused_in_words() {
     let silent = run(&free);
     let said = stderr(&silent);
     assert!(
-        silent.status.code() == Some(1) && said.contains(&format!("cannot reach the scheduler at {free}")),
+        silent.status.code() == Some(1) && said.contains(&format!("cannot connect to the scheduler at {free}")),
         "{said}"
     );
     assert!(said.contains("magline scheduler --bind"), "{said}");
     for (state, is) in [
         (r#"{"scheduler_id":"magline-9.9.9-4711"}"#, "is magline 9.9.9; this is magline"),
-        (r#"{"scheduler_id":"5c1e"}"#, "is not one of magline's"),
-        ("<html>", "is no scheduler of Ballista"),
+        (r#"{"scheduler_id":"5c1e"}"#, "is not a scheduler of magline"),
+        ("<html>", "is not a Ballista scheduler"),
     ] {
         let at = stranger(state);
         let output = run(&at);

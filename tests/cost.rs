@@ -65,7 +65,7 @@ fn user_rows_and_bytes_are_told_before_a_run_and_nothing_is_left_after_it() {
     assert_eq!(number(of(&after, "clean"), "there"), 32.0);
     assert_eq!(number(of(&after, "clean"), "rows_there"), 19_200.0);
     let text = stdout(&bench.magline(&["explain", "spec.toml", "--cost"]));
-    assert!(text.contains("everything is in the store"), "{text}");
+    assert!(text.contains("all results are in the store"), "{text}");
 }
 
 #[test]

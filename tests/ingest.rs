@@ -137,7 +137,7 @@ fn ref_binary_logs_come_in_through_their_mappings() {
     let cut = sample("logs/log171_cut.bin");
     let output = magline(folder.path(), &["ingest", &cut, "--to", "ap", "--mapping", "ardupilot_dataflash_timems"]);
     if output.status.code() == Some(2) {
-        assert!(stderr(&output).contains("says when the log began"), "{}", stderr(&output));
+        assert!(stderr(&output).contains("gives the start time of the log"), "{}", stderr(&output));
         let ready = fs::read_to_string(repository().join("datasets/mappings/ardupilot_dataflash_timems.toml")).unwrap();
         let (head, rest) = ready.split_once("[epoch]").unwrap();
         let tables = rest.split_once("\n\n").unwrap().1;
@@ -266,11 +266,11 @@ fn user_what_is_wrong_is_said_with_its_place_and_nothing_is_written() {
         csv,
         &change("'mgauss'", "'gauss'"),
         2,
-        &["magnitude of a vector magnetometer", "say `unit = \"mgauss\"` of `flux_a_x`"],
+        &["magnitude of a vector magnetometer", "set `unit = \"mgauss\"` for `flux_a_x`"],
     ));
     empty(refused(csv, &change("'MagY'", "'MagW'"), 2, &["there is no column `MagW` in log.csv", "m.toml:6:"]));
     empty(refused(csv, &change("[tables.mag]", "[tables.mag]\ntopic = 'MAG'"), 2, &["topic"]));
-    empty(refused(csv, &change("epoch = { utc = '2021-04-21T12:00:00Z' }\n", ""), 2, &["nothing says when that was"]));
+    empty(refused(csv, &change("epoch = { utc = '2021-04-21T12:00:00Z' }\n", ""), 2, &["the start time is unknown"]));
     empty(refused(csv, &change("'2021-04-21T12:00:00Z'", "'noon'"), 2, &["`utc` cannot be `noon`", "m.toml:3:"]));
     empty(refused(
         csv,
@@ -279,7 +279,7 @@ fn user_what_is_wrong_is_said_with_its_place_and_nothing_is_written() {
             "epoch = { from = 'ms', unit = 'ms', clock = 'unix', boot = 'ms', boot_unit = 'ms', rows = 'cur > 5' }",
         ),
         2,
-        &["no row of log.csv says when the log began", "unknown = true"],
+        &["no row of log.csv gives the start time of the log", "unknown = true"],
     ));
     let back = "ms,MagX,MagY,MagZ,cur\n1000,200,0,450,1\n1200,201,0,450,1\n1100,202,0,450,1\n";
     empty(refused(back, MAPPING, 2, &["line 1", "column `tt`, row 2", "time decreases"]));
@@ -313,7 +313,7 @@ fn user_a_line_that_is_wrong_leaves_the_others() {
     let output = magline(folder.path(), &["ingest", "a.csv", "--to", "out"]);
     assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
     assert!(
-        stderr(&output).contains("line 7.02") && stderr(&output).contains("2 lines written, 1 line left out"),
+        stderr(&output).contains("line 7.02") && stderr(&output).contains("2 lines written, 1 line rejected"),
         "{}",
         stderr(&output)
     );
@@ -337,12 +337,12 @@ fn user_another_file_is_never_replaced_silently() {
     assert_eq!(run(&[]).status.code(), Some(0));
     let before = files(&at.join("out"));
     let again = run(&[]);
-    assert!(again.status.code() == Some(0) && stdout(&again).contains("was there already"), "{}", stderr(&again));
+    assert!(again.status.code() == Some(0) && stdout(&again).contains("unchanged: "), "{}", stderr(&again));
     assert!(before == files(&at.join("out")));
     log(at, "log.csv", 50);
     let other = run(&[]);
     assert!(
-        other.status.code() == Some(2) && stderr(&other).contains("holds other data already"),
+        other.status.code() == Some(2) && stderr(&other).contains("already contains other data"),
         "{}",
         stderr(&other)
     );
@@ -353,7 +353,11 @@ fn user_another_file_is_never_replaced_silently() {
     fs::create_dir(at.join("b")).unwrap();
     log(&at.join("b"), "log.csv", 20);
     let clash = magline(at, &["ingest", "log.csv", "b/log.csv", "--to", "c", "--mapping", "m.toml"]);
-    assert!(clash.status.code() == Some(2) && stderr(&clash).contains("would both be log"), "{}", stderr(&clash));
+    assert!(
+        clash.status.code() == Some(2) && stderr(&clash).contains("would both be written to log"),
+        "{}",
+        stderr(&clash)
+    );
 }
 
 fn spawned(folder: &Path, args: &[&str]) -> Child {
@@ -419,10 +423,10 @@ fn user_a_suggested_mapping_is_valid_and_says_what_it_guessed() {
     let at = folder.path();
     for (input, words) in [
         ("thor75/motor.parquet", vec!["motor_voltage_v", "clock = \"boot\"", "unknown = true"]),
-        ("skywalker_x8/mag.parquet", vec!["unit = \"mgauss\"", "offsets beside it"]),
+        ("skywalker_x8/mag.parquet", vec!["unit = \"mgauss\"", "the logged offsets"]),
         (
             "skywalker_x8/gps.parquet",
-            vec!["lat = { from = \"latitude_deg\", unit = \"deg\" }", "week      = \"gps_week\"", "left out: a height"],
+            vec!["lat = { from = \"latitude_deg\", unit = \"deg\" }", "week      = \"gps_week\"", "omitted: a height"],
         ),
         (
             "magnavjl_tl/magnavjl_tl.parquet",

@@ -121,7 +121,7 @@ fn user_lines_are_found_shown_edited_and_used() {
     // What somebody has edited is not replaced, and is used.
     let edited = found.lines().take(2).collect::<Vec<_>>().join("\n").replace("box1", "first") + "\n";
     fs::write(at.join("lines.csv"), &edited).unwrap();
-    assert!(run(&look, 2).1.contains("holds other lines already"));
+    assert!(run(&look, 2).1.contains("already contains other lines"));
     assert_eq!(fs::read_to_string(at.join("lines.csv")).unwrap(), edited);
     let args = ["ingest", "flown/7.parquet", "--lines", "lines.csv", "--to", "edited", "--picture", "edited.svg"];
     assert!(run(&args, 0).1.contains("edited.svg"));
@@ -144,7 +144,7 @@ fn user_lines_that_cannot_be_found_or_used_are_refused_before_anything_is_writte
     };
     refused(&["--lines", "auto"], 2, "neither positions nor headings");
     refused(&["--lines", "gone.csv"], 2, "gone.csv");
-    refused(&["--lines", "auto", "--picture", "lines.jpg"], 2, "end its name in .svg or .png");
+    refused(&["--lines", "auto", "--picture", "lines.jpg"], 2, "use the extension .svg or .png");
     refused(&["--picture", "lines.svg"], 2, "--lines");
     fs::write(at.join("lines.csv"), "flight,line,t_start,t_end\nlog,far,1,2\n").unwrap();
     refused(&["--lines", "lines.csv"], 2, "no sample is within a line of");
@@ -204,7 +204,7 @@ fn user_the_report_shows_the_quality_of_the_data() {
         "! 120, 11.90 s</td>",
         // Twice 60 missing values: 6.1 s from the last before to the first after.
         "! 120, 6.100 s</td>",
-        "Flight 7: samples that need a look, over time",
+        "Flight 7: flagged samples over time",
         "class=\"stuck\"",
         "class=\"missing\"",
         "class=\"gap\"",
@@ -213,7 +213,7 @@ fn user_the_report_shows_the_quality_of_the_data() {
     }
     // The worst first, and what needs no look is folded.
     let place = |word: &str| section.find(&format!("<td>{word}</td>")).unwrap();
-    assert!(place("mag_1_uc") < place("cur_1") && section.find("without a mark").unwrap() < place("cur_1"));
+    assert!(place("mag_1_uc") < place("cur_1") && section.find("not flagged").unwrap() < place("cur_1"));
     // The figures are kept: without the log's being read again.
     assert_eq!(first, page());
 }

@@ -275,7 +275,7 @@ fn user_a_map_that_fails_is_reported_and_what_rests_on_it_is_skipped() {
     assert!(texts(&failures, "error")[0].contains("-2000 m high is not available"), "{failures:?}");
     let events = fine_or_failed(&bench.magline(&["run", "spec.toml", "--json"]));
     let skipped = events.lines().find(|e| e.contains("\"skipped\"") && e.contains("\"table\":\"level\""));
-    assert!(skipped.is_some_and(|e| e.contains("it is made from `gridded`, which could not be computed")), "{events}");
+    assert!(skipped.is_some_and(|e| e.contains("its input `gridded` could not be computed")), "{events}");
     let told = bench.magline(&["run", "spec.toml"]);
     assert!(stderr(&told).contains("say `level_m = "), "{}", stderr(&told));
 }
@@ -300,7 +300,7 @@ fn gold_what_cannot_be_is_refused_before_anything_runs() {
         (format!("{grid}value = \"anomly\"\n"), "there is no column `anomly`"),
         (format!("{grid}bounds = [1.0, 2.0]\n"), "four numbers"),
         (format!("{grid}to_epsg = 1\n"), "EPSG:1"),
-        (format!("{grid}keep = false\n"), "is always kept"),
+        (format!("{grid}keep = false\n"), "`keep` applies only to tables of flight lines"),
     ] {
         bench.spec(&(TABLES.to_owned() + &stages));
         let output = bench.magline(&["check", "spec.toml"]);

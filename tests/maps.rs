@@ -259,10 +259,10 @@ fn r10_points_far_away_are_left_out_and_named() {
     let output = grid(&bench, &["-o", "grid.parquet"]);
     let report = fine(&output);
     let told = stderr(&output);
-    assert!(told.contains("note: 2 points are far from all others and left out"), "{told}");
+    assert!(told.contains("note: 2 points are far from all others and removed"), "{told}");
     assert!(told.contains("points.parquet: row 300, line 1,") && told.contains("row 777, line 3,"), "{told}");
     assert!(told.contains("--keep-outliers"), "{told}");
-    assert!(report.contains("left out: 2 far away, 0 not finite"), "{report}");
+    assert!(report.contains("removed: 2 far away, 0 not finite"), "{report}");
     let first = info(bench.folder.path(), "grid.parquet");
     assert_eq!((first["columns"].as_f64(), first["rows"].as_f64()), (Some(41.0), Some(41.0)), "{first}");
     // A second or two here; without, a grid of 5000 km.
@@ -313,7 +313,7 @@ fn r10_levelling_shifts_ties_and_leaves_level_lines_alone() {
     });
     let output = grid(&bench, &["-o", "levelled.parquet", "--level", "140", "--level-lines"]);
     let report = fine(&output);
-    assert!(report.contains("lines: level within what their crossings tell, left as they are"), "{report}");
+    assert!(report.contains("lines: level within the accuracy of their crossings, not corrected"), "{report}");
     assert!(report.contains("ties: all shifted by -2"), "{report}");
     points_of(&bench, |_, _| ());
     fine(&grid(&bench, &["-o", "level.parquet", "--level", "140"]));
@@ -393,7 +393,7 @@ fn user_a_map_is_not_written_over_itself() {
     ] {
         let output = bench.magline(args);
         assert_eq!(output.status.code(), Some(2), "{args:?}");
-        assert!(stderr(&output).contains("would be written over itself"), "{}", stderr(&output));
+        assert!(stderr(&output).contains("would overwrite the input"), "{}", stderr(&output));
         assert!(fs::read(bench.path("m.tif")).unwrap() == bytes, "{args:?}");
     }
 }

@@ -189,7 +189,9 @@ fn user_the_report_shows_trainings_and_which_inputs_matter() {
     // A picture for each model, of all lines and seeds; and a beeswarm, whose colours are the values of inputs.
     assert_eq!(page.matches("<strong>matters: model = m1").count(), 1, "seeds are no models of their own");
     assert_eq!(page.matches("<strong>parts: model = m1").count(), 2, "bars and a beeswarm");
-    assert!(page.contains("#ff0051") && page.contains("#008bfb") && page.contains("part of the prediction, nT"));
+    assert!(
+        page.contains("#ff0051") && page.contains("#008bfb") && page.contains("contribution to the prediction, nT")
+    );
 }
 
 /// Flights of the survey aircraft with sensors as real ones are, and of another one of the type: other fields at a magnetometer in
@@ -368,7 +370,7 @@ fn user_what_no_training_can_begin_with_is_refused() {
     let linear = said("model = \"ridge\"\nwarm_start = \"network\"");
     assert!(linear.contains("`ridge` has no weights to begin with") && linear.contains("warm_start = "), "{linear}");
     let lines = said("model = \"m1\"\nwarm_start = \"terms\"");
-    assert!(lines.contains("`warm_start` needs a model table, but `terms` is a table of flight lines"), "{lines}");
+    assert!(lines.contains("`warm_start` requires a model table, but `terms` is a table of flight lines"), "{lines}");
     let unknown = said("model = \"m1\"\nwarm_start = \"netwrok\"");
     assert!(unknown.contains("did you mean `network`?"), "{unknown}");
     let missing = said("model = \"m1\"\nwarm_start = \"flights\"");

@@ -103,7 +103,7 @@ fn user_a_published_set_holds_the_rows_of_the_run_and_verifies() {
     published(&bench, &["scores", "clean", "coefficients", "flights", "anomaly"], "set", &[]);
     let (code, said) = verify(&bench, "set");
     assert_eq!(code, Some(0), "{said}");
-    assert!(said.contains("all as published"), "{said}");
+    assert!(said.contains("all verified"), "{said}");
     // The rows are those of the store, in the order of axes and time.
     let sums = |batches: &[RecordBatch], column: &str| numbers(batches, column).iter().sum::<f64>();
     let stored = read(&bench.path("store/tables/small/clean"));
@@ -257,7 +257,7 @@ fn user_every_damage_to_a_set_is_found_and_named() {
         found(&format!("{name} missing"), &[name]);
     }
     fs::write(bench.path("set/data/clean/more.parquet"), "x").unwrap();
-    found("an extra file", &["data/clean/more.parquet: it is not part of the data set"]);
+    found("an extra file", &["data/clean/more.parquet: it is not part of the published set"]);
     fs::write(bench.path("set/.hidden"), "x").unwrap();
     found("a hidden file", &[".hidden"]);
     // Changes whose sums were made again: the documents must agree with the data.
@@ -314,12 +314,12 @@ fn user_a_folder_that_is_no_published_set_is_never_overwritten() {
     fs::write(bench.path("mine/thesis.tex"), "years of work").unwrap();
     for more in [&["--to", "mine"][..], &["--to", "mine", "--replace"]] {
         let said = refused(&publish(&bench, &["scores"], more));
-        assert!(said.contains("mine is a folder, but not a published data set"), "{said}");
+        assert!(said.contains("mine is a folder, but not a published set"), "{said}");
     }
     assert_eq!(fs::read_to_string(bench.path("mine/thesis.tex")).unwrap(), "years of work");
     published(&bench, &["scores"], "set", &[]);
     // The same again changes nothing; another set needs to be told.
-    assert!(published(&bench, &["scores"], "set", &[]).contains("the same data set already"));
+    assert!(published(&bench, &["scores"], "set", &[]).contains("already holds the same published set"));
     let before = files(&bench.path("set"));
     let said = refused(&publish(&bench, &["coefficients"], &["--to", "set"]));
     assert!(said.contains("--replace"), "{said}");

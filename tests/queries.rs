@@ -136,10 +136,10 @@ fn gold_explain_says_what_is_there_and_what_is_to_do() {
     let before = stdout(&bench.magline(&["explain", "spec.toml"]));
     assert!(before.contains("clean  compensate v4 <- terms, coefficients"), "{before}");
     assert!(before.contains("at 8 points: mag (2) x vector (2) x lambda (2); 4 lines"), "{before}");
-    assert!(before.contains("0 of 32 are there, 32 to compute"), "{before}");
+    assert!(before.contains("0 of 32 stored, 32 to compute"), "{before}");
     bench.run(&[]);
     let after = stdout(&bench.magline(&["explain", "spec.toml"]));
-    assert!(after.contains("32 of 32 are there, 0 to compute"), "{after}");
-    assert!(after.contains("s each when last computed"), "{after}");
+    assert!(after.contains("32 of 32 stored, 0 to compute"), "{after}");
+    assert!(after.contains("s each in the last run"), "{after}");
     assert!(after.contains("lambda=(varies)"), "{after}");
 }

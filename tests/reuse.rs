@@ -122,9 +122,9 @@ fn gold_why_names_what_moved() {
         let args: Vec<&str> = ["why", "spec.toml", "scores"].iter().chain(more).copied().collect();
         crate::support::stdout(&bench.magline(&args))
     };
-    assert_eq!(why(&[]), "scores: nothing to compute, all 32 are in the store\n");
-    let moved = "scores: 32 of 32 to compute\n  track: fogm_sigma_nt none -> 4.0\n";
+    assert_eq!(why(&[]), "scores: nothing to compute, all 32 units are in the store\n");
+    let moved = "scores: 32 of 32 units to compute\n  track: fogm_sigma_nt none -> 4.0\n";
     assert_eq!(why(&["--set", "track.fogm_sigma_nt=4"]), moved);
     let point = why(&["--set", "axes.lambda=[0.0, 0.025, 1.0]"]);
-    assert!(point.starts_with("scores: 16 of 48 to compute\n") && point.contains("lambda=1 "), "{point}");
+    assert!(point.starts_with("scores: 16 of 48 units to compute\n") && point.contains("lambda=1 "), "{point}");
 }

@@ -72,7 +72,7 @@ fn user_a_second_run_of_a_pipeline_is_refused_by_name_or_waits_and_computes_noth
     let refused = start(&bench, &["-q", "--summary", "summary.json"]).wait_with_output().unwrap();
     assert_eq!(refused.status.code(), Some(3), "{}", stderr(&refused));
     let told = stderr(&refused);
-    for word in ["another run of `small` is at work", &format!("process {} on ", first.id()), "since 20", "--wait"] {
+    for word in ["another run of `small` holds the lock", &format!("process {} on ", first.id()), "since 20", "--wait"] {
         assert!(told.contains(word), "{word} is not in {told}");
     }
     let said = summary(&bench);
@@ -80,7 +80,7 @@ fn user_a_second_run_of_a_pipeline_is_refused_by_name_or_waits_and_computes_noth
     assert_eq!(said["holder"]["pid"], first.id());
     let tired = start(&bench, &["-q", "--wait=1s"]).wait_with_output().unwrap();
     assert_eq!(tired.status.code(), Some(3));
-    assert!(stderr(&tired).contains("it was waited for 1 s"), "{}", stderr(&tired));
+    assert!(stderr(&tired).contains("the wait of 1 s is over"), "{}", stderr(&tired));
     // Another pipeline of the same store is not held up.
     fs::write(bench.path("other.toml"), SPEC.replace("\"small\"", "\"other\"")).unwrap();
     assert!(bench.magline(&["run", "other.toml", "-q", "--until", "even"]).status.success());
@@ -90,7 +90,7 @@ fn user_a_second_run_of_a_pipeline_is_refused_by_name_or_waits_and_computes_noth
     signal(&first, "-CONT");
     assert!(first.wait().unwrap().success());
     let waited = waits.wait_with_output().unwrap();
-    assert!(waited.status.success() && stderr(&waited).contains("waiting for it"), "{}", stderr(&waited));
+    assert!(waited.status.success() && stderr(&waited).contains("waiting for that run"), "{}", stderr(&waited));
     let said = summary(&bench);
     assert_eq!((&said["units"]["computed"], &said["units"]["reused"]), (&0.into(), &116.into()));
     assert!(said["holder"].is_null());
@@ -115,7 +115,15 @@ fn user_a_holder_that_was_killed_or_is_silent_does_not_lock() {
     fs::write(&other, holder.to_string()).unwrap();
     let done = bench.run(&[]);
     assert_eq!(done.code, 3);
-    assert!(done.stderr.contains("on elsewhere, since") && done.stderr.contains("last sign"), "{}", done.stderr);
+    assert!(
+        done.stderr.contains("on elsewhere, since")
+            && done.stderr.contains(
+                "lease last \
+        renewed"
+            ),
+        "{}",
+        done.stderr
+    );
     let old = SystemTime::now() - Duration::from_secs(600);
     File::options().write(true).open(&other).unwrap().set_modified(old).unwrap();
     let done = bench.run(&[]);
@@ -210,7 +218,7 @@ fn user_force_computes_again_and_says_whether_the_bytes_are_the_same() {
     };
     assert_eq!(TABLES.map(units), [4, 8, 8, 32, 32, 32]);
     assert_eq!(summary(&bench)["compared"], done.last["compared"]);
-    assert!(done.last["notes"].to_string().contains("`clean` was computed again: 32 units, the same bytes"));
+    assert!(done.last["notes"].to_string().contains("`clean` was recomputed: 32 units, the same bytes"));
     assert!(bench.tables("store") == before);
     assert!(fs::read_dir(bench.path("store/tmp")).unwrap().next().is_none(), "the copy is left");
     // A result that is not what this program computes.
@@ -239,7 +247,7 @@ fn user_every_end_of_a_run_has_its_status_and_its_summary() {
     };
     let (done, said) = run(&["--max-time", "0s"]);
     assert_eq!((done.code, &said["status"]), (4, &"out_of_time".into()), "{}", done.stderr);
-    assert!(done.stderr.contains("goes on from there"), "{}", done.stderr);
+    assert!(done.stderr.contains("again to resume"), "{}", done.stderr);
     let (done, said) = run(&[]);
     assert_eq!((&said["status"], &said["version"], &said["run"]), (&"done".into(), &1.into(), &done.last["run"]));
     assert_eq!(said["spec_hash"], blake3::hash(SPEC.as_bytes()).to_hex().to_string());
@@ -266,7 +274,7 @@ fn user_every_end_of_a_run_has_its_status_and_its_summary() {
     let store = format!("store={}", bench.path("searched").display());
     let refused = bench.magline(&["run", &search, "--set", &store, "--until", "scores"]);
     assert_eq!(refused.status.code(), Some(2));
-    assert!(stderr(&refused).contains("`--until` is not for a spec with a `[search]`"), "{}", stderr(&refused));
+    assert!(stderr(&refused).contains("`--until` cannot be combined with a `[search]`"), "{}", stderr(&refused));
 }
 
 #[test]
@@ -372,7 +380,7 @@ fn user_a_watched_folder_takes_what_is_whole_and_names_what_is_not() {
     let done = bench.run(&["--settle", "1h"]);
     assert_eq!((done.code, done.total("computed")), (0, 0), "{}", done.stderr);
     let notes = done.last["notes"].to_string();
-    assert!(notes.contains("left out") && notes.contains("flights/3.parquet"), "{notes}");
+    assert!(notes.contains("skipped by `--settle`") && notes.contains("flights/3.parquet"), "{notes}");
     // When it is whole the next run has it, and computes its units alone.
     fs::write(bench.path("flights/3.parquet"), &bytes).unwrap();
     old("flights/3.parquet");
@@ -381,5 +389,5 @@ fn user_a_watched_folder_takes_what_is_whole_and_names_what_is_not() {
     let lines = texts(&read(&bench.path("store/tables/small/even")), "line");
     assert!(lines.contains(&"3.02".to_owned()));
     let none = bench.run(&["--settle", "1d"]);
-    assert!(none.code == 2 && none.stderr.contains("has no file that is settled"), "{}", none.stderr);
+    assert!(none.code == 2 && none.stderr.contains("has no file that was unmodified"), "{}", none.stderr);
 }

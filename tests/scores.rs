@@ -86,7 +86,7 @@ const WHERE: &str = "where  = \"line like '%.01'\"\n";
 fn user_scores_of_fitted_lines_are_in_sample_and_pooled_apart() {
     let (bench, out, _) = ran(&spec(&[]));
     assert_eq!(in_sample(&bench, "scores"), lines([true, false, true, false]));
-    assert!(out.contains("scores, pooled over 2 held-out lines, apart from 2 in sample"), "{out}");
+    assert!(out.contains("scores, pooled over 2 held-out lines; 2 in sample are separate"), "{out}");
     assert!(out.lines().filter(|l| l.starts_with('*')).count() == 2, "a star and its legend: {out}");
 
     // The pooled table: root mean squares of the held-out lines, and of the others apart.
@@ -328,8 +328,8 @@ fn user_a_named_metric_that_cannot_be_computed_fails_alone() {
 fn user_axes_without_effect_ordinary_least_squares_and_edges_are_noted() {
     let text = spec(&[("\"tolles_lawson\"", "\"pls\"")]);
     let (_, _, err) = ran(&text);
-    assert!(err.contains("`scores`: 3 points that differ only in `lambda` are one computation"), "{err}");
-    assert!(err.contains("`lambda` has no effect there"), "{err}");
+    assert!(err.contains("`scores`: `lambda` has no effect"), "{err}");
+    assert!(err.contains("the 3 points that differ only in `lambda` are computed once"), "{err}");
     assert!(err.contains("18 components of as many terms are ordinary least squares"), "{err}");
     assert!(!err.contains("edge of `lambda`"), "equal values have no best: {err}");
     let (bench, _, err) = ran(&spec(&[("[0.025, 0.25, 25.0]", "[0.025, 25.0, 250.0]")]));
@@ -343,7 +343,7 @@ fn user_axes_without_effect_ordinary_least_squares_and_edges_are_noted() {
 fn user_an_incomplete_publish_does_not_block_a_run() {
     let text = format!("{}\n[publish]\ntitle = \"t\"\n", spec(&[]));
     let (bench, _, err) = ran(&text);
-    assert!(err.contains("`[publish]` is not complete") && err.contains("`publish` needs `licence`"), "{err}");
+    assert!(err.contains("`[publish]` is incomplete") && err.contains("`publish` needs `licence`"), "{err}");
     for args in [vec!["check", "spec.toml"], vec!["publish", "spec.toml", "scores", "--to", "set"]] {
         let output = bench.magline(&args);
         assert_eq!(output.status.code(), Some(2), "{args:?}");

@@ -88,7 +88,7 @@ fn user_what_is_wrong_with_a_search_is_said_before_anything_runs() {
     says(&format!("[search]\ntrials = 0\ngoal = 'scores.std_error'\n{AXES}"), &["`trials` must be 1 to 100000, not 0"]);
     says(&format!("[search]\ntrials = 4\ngoal = 'score.std_error'\n{AXES}"), &["did you mean `scores`?"]);
     says(&format!("[search]\ntrials = 4\ngoal = 'scores.std_eror'\n{AXES}"), &["did you mean `std_error`?"]);
-    says(&format!("[search]\ntrials = 4\ngoal = 'clean.std_error'\n{AXES}"), &["is not a table of scores of lines"]);
+    says(&format!("[search]\ntrials = 4\ngoal = 'clean.std_error'\n{AXES}"), &["is not a table of line scores"]);
     says(&format!("[search]\ntrials = 4\ngoal = 'std_error'\n{AXES}"), &["`goal` cannot be `std_error`"]);
     says(&format!("{goal}where = \"lat > 3\"\n{AXES}"), &["there is no column `lat`"]);
     says(&format!("{goal}start = 3\nmethod = 'random'\n{AXES}"), &["`start` belongs to `tpe`, not to `random`"]);
@@ -98,18 +98,26 @@ fn user_what_is_wrong_with_a_search_is_said_before_anything_runs() {
         &format!(
             "{goal}[search.axes]\nlambda = {{ low = 1.0, high = 1.0 }}\ntrim = {{ low = 0.5, high = 9, whole = true }}\n"
         ),
-        &["`low` of the axis `lambda` is 1, not below `high`, 1", "`low` of the axis `trim` is 0.5, no whole number"],
+        &[
+            "`low` of the axis `lambda` is 1; it must be below `high`, 1",
+            "`low` of the axis `trim` is 0.5; it must be \
+            a whole number",
+        ],
     );
     says(
         &format!("{goal}[search.axes]\nlambda = {{ low = 0.0, high = 1.0, log = true }}\ntrim = [1]\n"),
-        &["`low` of the axis `lambda` is 0, which has no logarithm"],
+        &["`low` of the axis `lambda` is 0; with `log` it must be positive"],
     );
     says(&format!("[axes]\ntrim = [1, 2]\n{goal}{AXES}"), &["the axis `trim` is both searched and listed"]);
-    says(&format!("{goal}{AXES}more = [1, 2]\n"), &["no stage takes the searched axis `more`"]);
+    says(&format!("{goal}{AXES}more = [1, 2]\n"), &["no stage uses the searched axis `more`"]);
     says(&format!("{goal}{AXES}state = [1, 2]\n"), &["has the name of a column of the table of trials"]);
-    says(goal, &["`search` needs `[search.axes]`"]);
+    says(goal, &["`search` requires `[search.axes]`"]);
     says(&format!("{goal}[search.axes]\nlambda = [1.0, 2.0]\n"), &["there is no axis `trim`"]);
-    says(&format!("{goal}halving = {{ axis = 'lambda', values = [1] }}\n{AXES}"), &["`halving` has one rung"]);
+    says(
+        &format!("{goal}halving = {{ axis = 'lambda', values = [1] }}\n{AXES}"),
+        &["`halving` requires at least two \
+        rungs"],
+    );
     says(
         &format!("{goal}halving = {{ axis = 'lambda', values = [1, 2] }}\n{AXES}"),
         &["the axis `lambda` of `halving` is also searched"],
@@ -119,7 +127,7 @@ fn user_what_is_wrong_with_a_search_is_said_before_anything_runs() {
     bench.spec(&spec(&format!("{goal}where = \"line = '9.09'\"\n{AXES}")));
     let output = bench.magline(&["run", "spec.toml"]);
     assert_eq!(output.status.code(), Some(2));
-    assert!(stderr(&output).contains("the goal of the search is of no line"), "{}", stderr(&output));
+    assert!(stderr(&output).contains("the goal of the search selects no line"), "{}", stderr(&output));
 }
 
 #[test]
@@ -129,13 +137,16 @@ fn user_every_trial_is_a_row_and_the_best_is_told() {
     assert!(text.contains("4 tables, at most 49 points"), "{text}");
     let text = stdout(&bench.magline(&["explain", "spec.toml"]));
     assert!(
-        text.contains("search tpe for scores.std_error where line like '%.02': 16 trials, 4 together, 4 of them known"),
+        text.contains(
+            "search tpe for scores.std_error where line like '%.02': 16 trials, 4 at a time, 4 of them \
+                       planned"
+        ),
         "{text}"
     );
     assert!(text.contains("axis lambda = searched: 0.000001 to 100, by ratio"), "{text}");
-    assert!(text.contains("at 4 points: trial (4), at most 16 when the search is over; 2 lines"), "{text}");
+    assert!(text.contains("at 4 points: trial (4), at most 16 after the search; 2 lines"), "{text}");
     // Terms on 4 lines; a fit, and 4 lines compensated and scored, for each trial.
-    assert!(text.contains("the whole search has at most 148 units"), "{text}");
+    assert!(text.contains("the complete search has at most 148 units"), "{text}");
     let output = bench.magline(&["run", "spec.toml"]);
     assert!(output.status.success(), "{}", stderr(&output));
     let trials = read(&bench.path("store/tables/small/trials"));
@@ -165,7 +176,7 @@ fn user_every_trial_is_a_row_and_the_best_is_told() {
     let done = bench.run(&[]);
     assert_eq!((done.code, done.total("computed")), (0, 0), "{}", done.stderr);
     let text = stdout(&bench.magline(&["explain", "spec.toml"]));
-    assert!(text.contains("16 of them known") && text.contains("64 of 64 are there, 0 to compute"), "{text}");
+    assert!(text.contains("16 of them planned") && text.contains("64 of 64 stored, 0 to compute"), "{text}");
     assert!(bench.magline(&["report", "spec.toml", "-o", "a.html"]).status.success());
     let page = std::fs::read_to_string(bench.path("a.html")).unwrap();
     assert!(
@@ -173,7 +184,7 @@ fn user_every_trial_is_a_row_and_the_best_is_told() {
             && page.contains("Goal of each trial")
             && page.contains("searched: 0.000001 to 100")
     );
-    assert!(!page.contains("of another version"), "the report takes the trials of the last run for its own");
+    assert!(!page.contains("of the earlier spec or data"), "the report takes the trials of the last run for its own");
 }
 
 #[test]
@@ -259,7 +270,7 @@ fn user_the_cost_of_a_search_is_that_of_all_its_trials() {
         let before = cost();
         assert_eq!(before["trials_assumed"], assumed);
         let text = stdout(&bench.magline(&["explain", "spec.toml", "--cost"]));
-        assert!(text.contains(&format!("with {assumed} trials whose values are assumed")), "{text}");
+        assert!(text.contains(&format!("the parameter values of {assumed} trials are assumed")), "{text}");
         let done = events(&bench, &[]).pop().unwrap();
         for table in before["tables"].as_array().unwrap() {
             let name = table["table"].as_str().unwrap();
@@ -401,7 +412,7 @@ fn user_halving_takes_the_best_third_on() {
     // 18 fits at the first rung and 6 at the second, not 36.
     assert_eq!(done.computed("coefficients"), 24);
     let text = stdout(&bench.magline(&["explain", "spec.toml"]));
-    assert!(text.contains("rungs share = 1.01 | 2.01; 1 trial of 3 goes on to the next"), "{text}");
+    assert!(text.contains("rungs share = 1.01 | 2.01; 1 of 3 trials is promoted to the next rung"), "{text}");
     assert!(bench.magline(&["report", "spec.toml", "-o", "a.html"]).status.success());
     assert_eq!(bench.run(&[]).total("computed"), 0);
 }
@@ -430,6 +441,6 @@ fn user_a_trial_that_fails_is_the_worst_and_is_named() {
     let output = bench.magline(&["run", "spec.toml", "--set", "search.axes.trim=[400]", "--set", "store=none"]);
     assert_eq!(output.status.code(), Some(1));
     let text = stderr(&output);
-    assert!(text.contains("the goal `scores.std_error` has no value at any of 4 trials"), "{text}");
+    assert!(text.contains("the goal `scores.std_error` has no value in any of 4 trials"), "{text}");
     assert_eq!(numbers(&read(&bench.path("none/tables/small/trials")), "trial").len(), 4);
 }

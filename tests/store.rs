@@ -174,7 +174,7 @@ fn r11_an_unchanged_run_writes_nothing_but_its_history() {
     let runs = stdout(&bench.magline(&["runs", "small", "--store", "store"]));
     assert_eq!(runs.lines().count(), 3, "{runs}");
     let same = bench.magline(&["runs", "small", "1", "2", "--store", "store"]);
-    assert!(stdout(&same).contains("asked the same of the same data"), "{}", stdout(&same));
+    assert!(stdout(&same).contains("have the same spec and the same inputs"), "{}", stdout(&same));
 }
 
 #[test]
@@ -229,7 +229,7 @@ fn r11_one_run_of_a_pipeline_at_a_time() {
     let told = start(&[]).wait_with_output().unwrap();
     assert_eq!(told.status.code(), Some(3));
     assert!(
-        stderr(&told).contains("another run of `small` is at work") && stderr(&told).contains("--wait"),
+        stderr(&told).contains("another run of `small` holds the lock") && stderr(&told).contains("--wait"),
         "{}",
         stderr(&told)
     );
@@ -280,7 +280,7 @@ fn r11_tables_change_together_and_a_reader_keeps_what_it_opened() {
     assert!(!folder.join("scores").exists());
     // What someone else put there stays, in the version that it was put into too.
     assert!(
-        folder.join("clean/notes.txt").is_file() && stdout(&output).contains("not magline's"),
+        folder.join("clean/notes.txt").is_file() && stdout(&output).contains("magline did not write"),
         "{}",
         stdout(&output)
     );
@@ -305,13 +305,13 @@ fn user_a_run_reports_the_bytes_that_gc_would_free() {
     let written = sizes() - before;
     let unused = bench.run(&changed).last["unused_bytes"].as_u64().unwrap();
     assert!(unused > 1 << 20 && unused <= written, "{unused} of {written}");
-    let note = format!("note: {:.1} MB of earlier results are no longer used; `magline gc --yes`", unused as f64 / 1e6);
+    let note = format!("note: {:.1} MB of stored results are unreferenced; `magline gc --yes`", unused as f64 / 1e6);
     assert!(stderr(&output).contains(&note), "{note}: {}", stderr(&output));
     let before = sizes();
     assert!(bench.magline(&["gc", "--yes"]).status.success());
     assert_eq!(before - sizes(), unused);
     let output = bench.magline(&["run", "spec.toml", changed[0], changed[1]]);
-    assert!(!stderr(&output).contains("no longer used"), "{}", stderr(&output));
+    assert!(!stderr(&output).contains("results are unreferenced"), "{}", stderr(&output));
     assert_eq!(bench.run(&changed).last["unused_bytes"], 0);
 }
 
@@ -343,7 +343,7 @@ fn store_results_stay_where_the_list_of_a_version_is_damaged() {
     let packs = files(&bench.path("store/objects")).len();
     let output = bench.magline(&["gc", "--store", "store", "--yes"]);
     assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
-    assert!(stderr(&output).contains("its packs are not known"), "{}", stderr(&output));
+    assert!(stderr(&output).contains("its packs are unknown"), "{}", stderr(&output));
     assert_eq!(files(&bench.path("store/objects")).len(), packs);
     let again = bench.run(&[]);
     assert_eq!((again.code, again.total("computed")), (0, 0), "{}", again.stderr);

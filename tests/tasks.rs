@@ -271,16 +271,16 @@ fn user_what_is_no_task_of_this_store_is_refused_and_the_others_are_computed() {
     let other = refused(&changed(&|t| t["magline"] = json!("9.9.9")), "of magline 9.9.9; this is magline");
     assert!(other[0]["refused"].as_str().unwrap().contains("9.9.9") && other[0]["units"] == json!([]));
     let nowhere = changed(&|t| t["plan"] = json!("0123456789abcdef0123456789abcdef"));
-    refused(&nowhere, "does not hold the plan 0123456789abcdef0123456789abcdef");
+    refused(&nowhere, "does not contain the plan 0123456789abcdef0123456789abcdef");
     let key = changed(&|t| t["units"][0]["key"] = json!("0123456789abcdef0123456789abcdef"));
     refused(&key, "has the key 0123456789abcdef0123456789abcdef in the task");
     refused(&changed(&|t| t["units"][0]["line"] = json!(77)), "no unit at point 0, line 77");
     refused(&changed(&|t| t["units"][0]["point"] = json!(9)), "no unit at point 9");
     refused(&changed(&|t| t["table"] = json!("evem")), "did you mean `even`");
-    refused(&changed(&|t| t["plan"] = Value::Null), "names no plan");
+    refused(&changed(&|t| t["plan"] = Value::Null), "has no plan");
     // What is no task has no receipt.
-    assert!(refused(&lines[0][..lines[0].len() / 2], "the line is cut").is_empty());
-    assert!(refused("{\"event\": \"started\"}", "JSON of another kind").is_empty());
+    assert!(refused(&lines[0][..lines[0].len() / 2], "the line is truncated").is_empty());
+    assert!(refused("{\"event\": \"started\"}", "other JSON").is_empty());
     assert!(refused("even 1 1.01", "not JSON").is_empty());
     assert!(refused(&changed(&|t| t["task"] = json!(2)), "form 2").is_empty());
     assert!(task(&bench, "store", b"\xff\xfe\n", &[]).status.code() == Some(2));

@@ -26,10 +26,10 @@ fn r10_a_diverged_filter_is_marked_wherever_its_score_is_shown() {
     // The terminal: every row is marked, and none of them is the best.
     let rows: Vec<&str> = out.lines().skip_while(|l| !l.contains("nees")).skip(1).take(2).collect();
     assert!(rows.iter().all(|r| r.starts_with("! ") && r.ends_with("4/4")), "{out}");
-    assert!(out.contains("! marked: worse than the INS alone, or NEES or NIS far from its law"), "{out}");
+    assert!(out.contains("! flagged: worse than the INS alone, NEES or NIS far from the expected value"), "{out}");
     assert!(!out.lines().any(|l| l.starts_with('*')), "{out}");
     assert!(err.contains("warning: scores: the filter is worse than the INS alone"), "{err}");
-    assert!(err.contains("likely cause: ") && err.contains("the table `small.warnings` has each"), "{err}");
+    assert!(err.contains("likely cause: ") && err.contains("the table `small.warnings` lists all"), "{err}");
 
     // The table.
     let table = read(&bench.path("store/tables/small/warnings"));
@@ -62,7 +62,7 @@ fn r10_a_diverged_filter_is_marked_wherever_its_score_is_shown() {
     assert_eq!(page.matches("<tr class=\"bad\">").count(), 2);
     let body = &page[page.find("id=\"scores-scores\"").unwrap()..page.find("id=\"plan\"").unwrap()];
     assert!(!body.contains("n best") && !body.contains("The best point"), "a marked row is shown as good");
-    assert!(body.contains("every point is marked"));
+    assert!(body.contains("every point is flagged"));
 }
 
 #[test]
@@ -167,7 +167,10 @@ input = "scores"
     assert!(page.contains("id=\"summary-pooled\"") && page.contains("class=\"intervals\""));
     let drms = page.split("drms: pooled values with their intervals").nth(1).unwrap();
     assert_eq!(drms[..drms.find("</svg>").unwrap()].matches("class=\"arm\"").count(), 8);
-    assert!(page.contains("<h4>The map along the line</h4>") && page.contains("mag_c differs from it by"));
+    assert!(
+        page.contains("<h4>The map along the line</h4>")
+            && page.contains("The standard deviation of mag_c minus the map is")
+    );
 }
 
 #[test]
@@ -184,7 +187,7 @@ fn r10_the_score_table_is_120_wide_off_a_terminal() {
     let (_, out, _) = ran(&consistent());
     let table: Vec<&str> = out.lines().skip_while(|l| !l.contains("drms [m]")).collect();
     assert!(table.len() > 8 && table.iter().take(9).all(|l| l.chars().count() <= 120), "{out}");
-    assert!(out.contains("left out for width: "), "{out}");
+    assert!(out.contains("omitted to fit the width: "), "{out}");
 }
 
 #[test]
@@ -198,7 +201,7 @@ fn r10_quiet_says_nothing_and_errors_still() {
     bench.spec(&diverging());
     let err = stderr(&bench.magline(&["run", "spec.toml", "--quiet"]));
     assert_eq!(err.lines().count(), 1, "{err}");
-    assert!(err.contains("warnings; the table `small.warnings` has each"), "{err}");
+    assert!(err.contains("warnings; the table `small.warnings` lists all"), "{err}");
     bench.spec(&SPEC.replace("rate_hz", "rate_h"));
     let output = bench.magline(&["run", "spec.toml", "--quiet"]);
     assert_eq!(output.status.code(), Some(2));

@@ -44,7 +44,7 @@ pub fn read_spec(path: &Path, sets: &[String]) -> Result<Spec, Faults> {
         file: file.clone(),
         text: String::new(),
         sets: vec![],
-        faults: vec![Fault::new(format!("cannot read {file}: {e}")).help("name a spec: a TOML file")],
+        faults: vec![Fault::new(format!("cannot read {file}: {e}")).help("give a spec, which is a TOML file")],
     })?;
     let folder =
         path.parent().map(Path::to_owned).filter(|p| !p.as_os_str().is_empty()).unwrap_or_else(|| PathBuf::from("."));

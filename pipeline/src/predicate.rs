@@ -46,13 +46,16 @@ impl Predicate {
         let schema = schema_of(shape);
         let expr = parse(sql, shape, SUBJECT).map_err(|fault| match fault.help {
             Some(_) => fault,
-            None => fault.help("it is a SQL predicate, such as `line = '1003.02'`"),
+            None => fault.help("write an SQL predicate, such as `line = '1003.02'`"),
         })?;
         let physical = |e: Expr, schema: &Schema| physical(e, schema, shape, SUBJECT);
         let whole = physical(expr.clone(), &schema)?;
-        let kind = whole.data_type(&schema).map_err(|e| Fault::new(format!("{SUBJECT} cannot be read: {e}")))?;
+        let kind = whole.data_type(&schema).map_err(|e| Fault::new(format!("{SUBJECT} is invalid: {e}")))?;
         if kind != DataType::Boolean {
-            return Err(Fault::new(format!("`where` must be true or false for a row, but this gives {kind}")));
+            return Err(Fault::new(format!(
+                "`where` must be true or false for each row, but this expression gives \
+                                           {kind}"
+            )));
         }
         let is_key = |e: &Expr| e.column_refs().iter().all(|c| c.name == "flight" || c.name == "line");
         let (of_lines, of_rows): (Vec<Expr>, Vec<Expr>) = split_conjunction_owned(expr).into_iter().partition(is_key);
@@ -102,7 +105,7 @@ fn evaluate(expr: &Arc<dyn PhysicalExpr>, batch: &RecordBatch) -> Result<Vec<boo
     let array = expressions::evaluate(expr, batch).map_err(wrong)?;
     let mask: &BooleanArray = array
         .as_boolean_opt()
-        .ok_or_else(|| Fault::data(format!("`where` gave {}, not true or false", array.data_type())))?;
+        .ok_or_else(|| Fault::data(format!("`where` returned {}, not true or false", array.data_type())))?;
     // SQL: a row for which the predicate is unknown is not selected.
     Ok(mask.iter().map(|x| x.unwrap_or(false)).collect())
 }

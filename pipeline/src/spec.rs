@@ -117,23 +117,23 @@ const MOST_STAGES: usize = 1_000;
 
 /// The keys of a stage that are neither inputs nor parameters, and what they say.
 pub const STAGE_KEYS: [(&str, &str); 6] = [
-    ("name", "the name of the table it yields; must be given"),
-    ("stage", "the kind of stage, one of those below; must be given"),
+    ("name", "the name of the table that the stage makes; required"),
+    ("stage", "the kind of stage, one of the stages below; required"),
     (
         "where",
-        "a SQL predicate that selects the rows it sees, such as `line = '1003.02'`; a stage that works on one line at a \
-         time may only name `flight` and `line`",
+        "an SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that works on one line at a \
+         time may use only `flight` and `line`",
     ),
-    ("publish", "`false` keeps its table in the store alone; later stages see it in any case (`true`)"),
+    ("publish", "`false`: the table is not published, but later stages can read it (default: `true`)"),
     (
         "carry",
-        "columns that pass through it and that its published table is to hold beside the keys and the columns it makes, \
-         such as `[\"lat\", \"lon\"]`; for tables of flight lines (none)",
+        "columns that pass through the stage unchanged and that its published table also has, such as \
+         `[\"lat\", \"lon\"]`; for tables of flight lines (default: none)",
     ),
     (
         "keep",
-        "`false` for results that are not kept, but made again where they are needed; for tables of flight lines with \
-         `publish = false` (`true`)",
+        "`false`: results are not stored, but recomputed when required; for tables of flight lines with \
+         `publish = false` (default: `true`)",
     ),
 ];
 
@@ -295,11 +295,11 @@ impl Reading {
             });
         }
         let wrong = if store.trim().is_empty() {
-            Some("name a folder, such as `store`; `.` is the folder of the spec")
+            Some("give a folder such as `store`; `.` is the folder of the spec")
         } else if store.chars().any(char::is_control) {
-            Some("name a folder without line breaks and other control characters")
+            Some("give a folder without control characters such as line breaks")
         } else if store.split(['/', '\\']).any(|part| part.len() > paths::LONGEST_PART) {
-            Some("name a folder that file systems take: at most 255 bytes")
+            Some("give a folder of at most 255 bytes in each part of its path")
         } else {
             None
         };
@@ -372,13 +372,20 @@ impl Reading {
     fn source(&mut self, name: &Spanned<String>, value: &Spanned<DeValue>) -> Option<SourceDecl> {
         self.identifier(name.get_ref(), name.span());
         let Some(table) = value.get_ref().as_table() else {
-            let fault = Fault::new(format!("the table `{}` must be given as `path = ...`", name.get_ref()));
+            let fault = Fault::new(format!("the table `{}` must be a TOML table with `path = ...`", name.get_ref()));
             self.faults.push(fault.at(value.span()));
             return None;
         };
         let Some(path) = self.text(table, "path") else {
             if !table.contains_key("path") {
-                self.faults.push(Fault::new(format!("the table `{}` needs a `path`", name.get_ref())).at(name.span()));
+                self.faults.push(
+                    Fault::new(format!(
+                        "the table `{}` requires a \
+                                                     `path`",
+                        name.get_ref()
+                    ))
+                    .at(name.span()),
+                );
             }
             return None;
         };
@@ -421,8 +428,8 @@ impl Reading {
             return vec![];
         };
         if items.len() > MOST_STAGES {
-            let what = format!("the spec has {} stages; at most {MOST_STAGES} are taken", items.len());
-            self.faults.push(Fault::new(what).at(value.span()).help("a sweep over an axis repeats a stage"));
+            let what = format!("the spec has {} stages; at most {MOST_STAGES} are permitted", items.len());
+            self.faults.push(Fault::new(what).at(value.span()).help("use an axis to run a stage several times"));
             return vec![];
         }
         items.iter().filter_map(|item| self.stage(item)).collect()
@@ -436,11 +443,11 @@ impl Reading {
         let mut need = |key: &str, why: &str| {
             let found = self.text(table, key);
             if found.is_none() && !table.contains_key(key) {
-                self.faults.push(Fault::new(format!("a stage needs `{key}`: {why}")).at(item.span()));
+                self.faults.push(Fault::new(format!("a stage requires `{key}`: {why}")).at(item.span()));
             }
             found
         };
-        let name = need("name", "the name of the table it yields");
+        let name = need("name", "the name of the table that it makes");
         let stage = need("stage", "the kind of stage");
         let predicate = self.text(table, "where");
         let (publish, _) = self.choice(table, "publish");
@@ -473,8 +480,8 @@ impl Reading {
                 .collect::<Option<Vec<_>>>()
         });
         names.unwrap_or_else(|| {
-            let fault = Fault::new("`carry` must be a list of names of columns").at(value.span());
-            self.faults.push(fault.help("such as `carry = [\"lat\", \"lon\"]`"));
+            let fault = Fault::new("`carry` must be a list of column names").at(value.span());
+            self.faults.push(fault.help("write for example `carry = [\"lat\", \"lon\"]`"));
             vec![]
         })
     }
@@ -510,7 +517,7 @@ fn literal(value: &Spanned<DeValue>) -> Result<Literal, Fault> {
 
 /// A TOML value as a literal, a table of values by name among them; a list of tables cannot stand where one is read.
 fn argument(value: &Spanned<DeValue>) -> Result<Literal, Fault> {
-    let first = |faults: Vec<Fault>| faults.into_iter().next().unwrap_or_else(|| Fault::bug("a value is refused"));
+    let first = |faults: Vec<Fault>| faults.into_iter().next().unwrap_or_else(|| Fault::bug("a value is invalid"));
     match schemas::literal(value).map_err(first)? {
         Literal::List(items) if items.iter().any(|item| matches!(item, Literal::Section(_))) => Err(no_table(value)),
         other => Ok(other),
@@ -518,5 +525,5 @@ fn argument(value: &Spanned<DeValue>) -> Result<Literal, Fault> {
 }
 
 fn no_table(value: &Spanned<DeValue>) -> Fault {
-    Fault::new("a table cannot stand here").at(value.span())
+    Fault::new("a table is not permitted here").at(value.span())
 }

@@ -122,7 +122,7 @@ def main():
                     assert polars.read_database(query, connection)["n"].to_list() == counted["n"].to_pylist()
                     for query in [f"DROP TABLE {quoted(some)}", f"DELETE FROM {quoted(some)}",
                                   f"INSERT INTO {quoted(some)} SELECT * FROM {quoted(some)}", "COPY (SELECT 1) TO '/tmp/x'"]:
-                        fails(query, "refused", lambda query=query: cursor.execute(query))
+                        fails(query, "rejected", lambda query=query: cursor.execute(query))
                     fails("ingest", "", lambda: cursor.adbc_ingest("new", pa.table({"a": [1]})))
                     fails("no table", "there is no table", lambda: cursor.execute("SELECT * FROM nowhere.nothing"))
 

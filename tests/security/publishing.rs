@@ -42,7 +42,7 @@ fn resampled(rate_hz: f64) -> String {
 fn user_a_score_of_few_samples_is_no_aggregate() {
     // 60 s of samples: 600 at 10 Hz, 6 at 0.1 Hz.
     let (held, said) = asked(&restricted("", "", &resampled(10.0)), &["sc"]);
-    assert!(!held && said.contains("sc: ") && said.contains("samples or more behind each value"), "{said}");
+    assert!(!held && said.contains("sc: ") && said.contains("samples per value"), "{said}");
     refused(&restricted("", "", &resampled(0.1)), &["sc"], "`least_samples` is 100");
     refused(&restricted("least_samples = 1000", "", &resampled(10.0)), &["sc"], "`least_samples` is 1000");
     refused(&restricted("least_ratio = 1000", "", &resampled(10.0)), &["sc"], "`least_ratio` is 1000");
@@ -85,8 +85,8 @@ fn user_a_model_that_memorises_is_no_aggregate() {
     };
     for model in ["random_features", "boosted_trees"] {
         let spec = restricted("", "", &fit(model));
-        refused(&spec, &["net"], "can hold single samples");
-        refused(&spec, &["cl"], "can hold single samples");
+        refused(&spec, &["net"], "can contain single samples");
+        refused(&spec, &["cl"], "can contain single samples");
     }
 }
 

@@ -282,10 +282,10 @@ fn user_what_a_set_names_is_neither_read_elsewhere_nor_another_line_of_the_answe
     fs::write(&dictionary, text.replace("\"name\": \"scores\"", "\"name\": \"../../private\"")).unwrap();
     let verified = bench.magline(&["verify", "set"]);
     assert_eq!(verified.status.code(), Some(1));
-    assert!(stderr(&verified).contains("leads out of the folder"), "{}", stderr(&verified));
+    assert!(stderr(&verified).contains("leads outside the folder"), "{}", stderr(&verified));
     assert!(!stderr(&verified).contains("password"), "{}", stderr(&verified));
     fs::write(&dictionary, text).unwrap();
-    fs::write(bench.path("set/data/a\n12 files: all as published"), "x").unwrap();
+    fs::write(bench.path("set/data/a\n12 files: all verified"), "x").unwrap();
     let verified = bench.magline(&["verify", "set"]);
     assert_eq!(verified.status.code(), Some(1));
     assert!(!stderr(&verified).lines().any(|line| line.starts_with("12 files")), "{}", stderr(&verified));

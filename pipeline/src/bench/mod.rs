@@ -78,7 +78,7 @@ macro_rules! compensate {
             truth: &["mag_1_c"],
             naive: &[$naive],
             measure: Measure::StdError,
-            about: "the field at the aircraft without the aircraft's own, for each magnetometer",
+            about: "the total field without the aircraft field, for each magnetometer",
         }
     };
 }
@@ -108,7 +108,7 @@ pub const TASKS: [Task; 8] = [
         "navigate_cold",
         "cold_lat",
         "cold_lon",
-        "the position, with the map and without any calibration: cabin magnetometers, nothing of other lines"
+        "the position, with the map and without any calibration: cabin magnetometers, no data of other lines"
     ),
     navigate!("map_free", "free_lat", "free_lon", "the position without the map"),
 ];
@@ -145,9 +145,10 @@ pub fn score(flights: &[Flight], predictions: &Predictions, wanted: &[String]) -
     let lines: Vec<&Flight> = flights.iter().filter(|f| TEST_LINES.contains(&f.line.as_str())).collect();
     if lines.len() != TEST_LINES.len() {
         let what = format!("the flights lack some of the lines {}", TEST_LINES.join(", "));
-        return Err(
-            Fault::new(what).help(format!("give those of {SPEC}, or a simulation with these lines and another seed"))
-        );
+        return Err(Fault::new(what).help(format!(
+            "use the flights of {SPEC}, or a simulation with these lines and another \
+                                           seed"
+        )));
     }
     let places = predictions.places(&lines)?;
     let mut found = vec![];
@@ -186,7 +187,7 @@ fn chosen(predictions: &Predictions, wanted: &[String]) -> Result<Vec<&'static T
         } else {
             format!("the predictions have no column of the task `{name}`")
         };
-        return Err(Fault::data(what).help(format!("columns of predictions are {}", columns.join(", "))));
+        return Err(Fault::data(what).help(format!("the columns of predictions are {}", columns.join(", "))));
     }
     Ok(tasks)
 }
@@ -262,7 +263,7 @@ fn constant(
         if there.all(|x| x == first) {
             let what = format!("the prediction is {first} in all {} rows", pairs.len());
             let fault = Fault::data(what).in_file(&predictions.file).in_line(&line.flight, &line.line);
-            return Err(fault.in_column(name).help("predict each sample, or leave the column out"));
+            return Err(fault.in_column(name).help("predict each sample, or remove the column"));
         }
     }
     Ok(())
@@ -287,7 +288,7 @@ fn in_radians(
         return Err(Fault::data(what)
             .in_file(&predictions.file)
             .in_line(&line.flight, &line.line)
-            .help("give degrees"));
+            .help("convert them to degrees"));
     }
     Ok(())
 }

@@ -56,7 +56,7 @@ impl Predictions {
         let of = |name: &str| {
             let missing = || {
                 Fault::data(format!("there is no column `{name}`"))
-                    .help("predictions have `flight`, `line` and `tt` for each sample")
+                    .help("predictions require `flight`, `line` and `tt` for each sample")
             };
             batch.column_by_name(name).ok_or_else(missing)
         };
@@ -85,7 +85,7 @@ impl Predictions {
     pub fn columns(&self, task: &Task) -> Result<Vec<&[f64]>, Fault> {
         let of = |name: &&str| {
             let missing = || {
-                let what = format!("the task `{}` needs the columns `{}`", task.name, task.columns.join("` and `"));
+                let what = format!("the task `{}` requires the columns `{}`", task.name, task.columns.join("` and `"));
                 Fault::data(what).in_file(&self.file)
             };
             self.columns.get(*name).map(Vec::as_slice).ok_or_else(missing)
@@ -118,16 +118,15 @@ impl Predictions {
             };
             let Some(sample) = samples.get(&tick(*tt)) else {
                 let what = format!("flight {flight}, line {line} has no sample at tt = {tt} s");
-                return Err(fault(what).help("tt is that of the flight's samples, seconds past midnight UTC"));
+                return Err(fault(what).help("use the `tt` of the flight's samples, s past midnight UTC"));
             };
             let place = places
                 .get_mut(*i)
                 .and_then(|p| p.get_mut(*sample))
                 .ok_or_else(|| Fault::bug("a sample that is not there"))?;
             if let Some(before) = place.replace(row) {
-                let what =
-                    format!("flight {flight}, line {line}, tt = {tt} s is predicted twice, before in row {before}");
-                return Err(fault(what).help("give one prediction for each sample"));
+                let what = format!("flight {flight}, line {line}, tt = {tt} s is a duplicate of row {before}");
+                return Err(fault(what).help("give one prediction per sample"));
             }
         }
         Ok(places)
@@ -135,7 +134,7 @@ impl Predictions {
 }
 
 fn unreadable(e: &dyn std::fmt::Display) -> Fault {
-    Fault::data(format!("cannot read the predictions: {e}")).help("predictions are Parquet, or CSV with a header")
+    Fault::data(format!("cannot read the predictions: {e}")).help("predictions must be Parquet, or CSV with a header")
 }
 
 /// A CSV file, its cells as text: identifiers such as 3.10 stay as they are written.
@@ -162,8 +161,8 @@ fn whole(path: &Path) -> Result<RecordBatch, Fault> {
 /// Identifiers, which must be text, or whole numbers.
 fn identifiers(array: &ArrayRef, name: &str) -> Result<Vec<String>, Fault> {
     if array.data_type().is_floating() {
-        let what = format!("`{name}` holds numbers with a fraction, for which 3.1 and 3.10 are the same");
-        return Err(Fault::data(what).help(format!("write `{name}` as text, as it is in the flights")));
+        let what = format!("`{name}` contains decimal numbers, which do not distinguish 3.1 from 3.10");
+        return Err(Fault::data(what).help(format!("write `{name}` as text, as in the flights")));
     }
     let texts = arrow_cast::cast(array, &DataType::Utf8).map_err(|e| unreadable(&e))?;
     let texts: &StringArray = texts.as_string_opt::<i32>().ok_or_else(|| Fault::bug("a cast to another type"))?;
@@ -194,7 +193,7 @@ fn numbers(array: &ArrayRef, name: &str) -> Result<Vec<f64>, Fault> {
     match found.iter().position(|x| !x.is_finite()) {
         None => Ok(found),
         Some(row) => {
-            let help = "predict each sample, or leave out the row: it then counts as one that failed";
+            let help = "predict each sample, or remove the row; the sample then counts as failed";
             Err(fault(row, "the prediction is not a finite number".to_owned()).help(help))
         }
     }
@@ -211,16 +210,16 @@ fn possible(name: &str, values: &[f64]) -> Result<(), Fault> {
     match values.iter().enumerate().find(|(_, x)| !(from..=to).contains(*x)) {
         None => Ok(()),
         Some((row, x)) => {
-            let fault = Fault::data(format!("{x} cannot be {what}")).in_column(name).in_row(row as u64);
+            let fault = Fault::data(format!("{x} is not {what}")).in_column(name).in_row(row as u64);
             let scale = |factor: f64| (from..=to).contains(&(x * factor));
             let help = if task.measure == Measure::StdError && scale(1e-3) {
-                "it would be right in pT: give nT".to_owned()
+                "the value is probably in pT; convert it to nT".to_owned()
             } else if task.measure == Measure::StdError && scale(1e9) {
-                "it would be right in T: give nT".to_owned()
+                "the value is probably in T; convert it to nT".to_owned()
             } else if task.measure == Measure::StdError && scale(1e3) {
-                "it would be right in uT: give nT".to_owned()
+                "the value is probably in uT; convert it to nT".to_owned()
             } else {
-                format!("values are from {from} to {to}")
+                format!("permitted values are {from} to {to}")
             };
             Err(fault.help(help))
         }

@@ -65,9 +65,8 @@ pub fn write(path: &Path, scores: &[Score]) -> Result<(), Fault> {
         return report::write(path, &parquet(scores)?);
     }
     if fs::metadata(path).is_ok_and(|about| about.is_dir()) {
-        return Err(
-            Fault::new(format!("{} is a folder", path.display())).help("name a file that ends in .md or .parquet")
-        );
+        return Err(Fault::new(format!("{} is a folder", path.display()))
+            .help("give a file with the extension .md or .parquet"));
     }
     report::write(path, as_markdown(scores).as_bytes())
 }

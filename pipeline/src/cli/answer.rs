@@ -30,7 +30,7 @@ pub enum Format {
     Csv,
     /// One JSON object per line.
     Json,
-    /// A Parquet file; needs `-o`.
+    /// A Parquet file; requires `-o`.
     Parquet,
 }
 
@@ -66,7 +66,7 @@ impl Answer {
     pub fn new(format: Format, output: Option<&Path>) -> Result<Answer, Fault> {
         if format == Format::Parquet && output.is_none() {
             let fault = Fault::new("a Parquet file cannot be written to the terminal");
-            return Err(fault.help("name a file with `-o`"));
+            return Err(fault.help("give an output file with `-o`"));
         }
         let tmp = output.map(|path| Temporary::new(unfinished(path, std::process::id())));
         Ok(Answer { format, output: output.map(Path::to_owned), tmp, writer: None })
@@ -114,7 +114,7 @@ impl Answer {
 
     fn failed(&self, e: &dyn std::fmt::Display) -> Fault {
         let to = self.output.as_ref().map(|p| format!(" to {}", p.display())).unwrap_or_default();
-        Fault::machine(format!("cannot write the answer{to}: {e}"))
+        Fault::machine(format!("cannot write the result{to}: {e}"))
     }
 
     /// A failure of standard output shows in the exit status; that of a file is a fault.

@@ -9,14 +9,14 @@ use crate::bench;
 
 #[derive(Subcommand)]
 pub enum BenchCommand {
-    /// Score predictions of any program on the test flight.
+    /// Score the predictions of any program on the test flight.
     Score(ScoreArgs),
-    /// Write the flights of the benchmark: those to train on, and the test flight without its truth.
+    /// Write the flights of the benchmark: the training flights, and the test flight without its truth.
     Data {
-        /// The folder they are written to, which must be new or empty.
+        /// The output folder; it must be new or empty.
         #[arg(long)]
         to: PathBuf,
-        /// The flights: the spec of their simulation.
+        /// The spec of the simulated flights.
         #[arg(long, default_value = bench::SPEC)]
         flights: PathBuf,
     },
@@ -24,18 +24,18 @@ pub enum BenchCommand {
 
 #[derive(Args)]
 pub struct ScoreArgs {
-    /// The predictions: Parquet or CSV with `flight`, `line`, `tt` and the columns of tasks.
+    /// The predictions: Parquet or CSV with `flight`, `line`, `tt` and the columns of the tasks.
     predictions: PathBuf,
-    /// Score these tasks: compensate, navigate, navigate_cold, map_free; by default those with columns in the file.
+    /// The tasks to score: compensate, navigate, navigate_cold, map_free. Default: all tasks with columns in the file.
     #[arg(long, value_delimiter = ',')]
     tasks: Vec<String>,
-    /// The flights with the truth: a spec with another seed makes a test that nobody has seen.
+    /// The spec of the simulated flights with the truth. Another seed makes an unpublished test.
     #[arg(long, default_value = bench::SPEC)]
     flights: PathBuf,
-    /// Write the results to a file too: .md or .parquet.
+    /// Also write the results to this file, .md or .parquet.
     #[arg(short, long)]
     output: Option<PathBuf>,
-    /// One JSON object per line on standard output.
+    /// Write one JSON object per line to standard output.
     #[arg(long)]
     json: bool,
 }

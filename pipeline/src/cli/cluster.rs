@@ -25,12 +25,12 @@ const AGAIN_AFTER: Duration = Duration::from_secs(1);
 /// How the members of a cluster know each other.
 #[derive(Args)]
 struct TrustArgs {
-    /// The file that holds the key of the cluster, which scheduler, workers and runs share: connections are encrypted, and
-    /// refused without it. By default the key is taken from the variable MAGLINE_CLUSTER_KEY.
+    /// The file with the key that scheduler, workers and runs of a cluster share. Connections are encrypted; a
+    /// connection without the key is rejected. By default the key is in the environment variable MAGLINE_CLUSTER_KEY.
     #[arg(long, value_name = "FILE")]
     key_file: Option<PathBuf>,
-    /// For tests: ask nobody for a key, and listen on the loopback alone. Every user of this machine can then have this
-    /// program compute.
+    /// For tests: require no key, and listen only on the loopback address. Every user of this machine can then run
+    /// computations in this process.
     #[arg(long, conflicts_with = "key_file")]
     insecure_loopback: bool,
 }
@@ -47,15 +47,16 @@ pub struct SchedulerArgs {
     /// The address to listen on.
     #[arg(long, value_name = "IP:PORT", default_value = "127.0.0.1:50050")]
     bind: SocketAddr,
-    /// The name by which workers reach this scheduler; by default the address, or the host's name where it listens on all.
+    /// The host name or address that workers connect to; by default the address of `--bind`, or the host name for
+    /// 0.0.0.0.
     #[arg(long, value_name = "NAME")]
     advertise: Option<String>,
-    /// How long a worker may be silent before what it had is given to others.
+    /// Time without a report from a worker after which its tasks are dispatched to other workers.
     #[arg(long, value_name = "TIME", default_value = "30s", value_parser = age)]
     worker_timeout: Duration,
     #[command(flatten)]
     trust: TrustArgs,
-    /// No notes.
+    /// Suppress notes.
     #[arg(short, long)]
     quiet: bool,
 }
@@ -63,42 +64,44 @@ pub struct SchedulerArgs {
 /// The arguments of `worker`.
 #[derive(Args)]
 pub struct WorkerArgs {
-    /// The scheduler.
+    /// The address of the scheduler.
     #[arg(long, value_name = "HOST:PORT", value_parser = engine::scheduler)]
     scheduler: (String, u16),
-    /// The store of the runs: its folder, or its address.
+    /// The store of the runs: its folder, or its address such as s3://BUCKET/PREFIX.
     #[arg(long, default_value = "store", value_parser = super::located)]
     store: PathBuf,
-    /// Tasks at once, each in a process of one thread; all cores by default.
+    /// The number of concurrent tasks, each in a process of one thread; all cores by default.
     #[arg(long, value_name = "N", value_parser = threads::count)]
     cores: Option<usize>,
-    /// The folder for receipts that are on their way; by default that of the system for temporary files.
+    /// The folder for receipts in transit; by default the system's folder for temporary files.
     #[arg(long, value_name = "DIR")]
     work: Option<PathBuf>,
-    /// The address to listen on, which the scheduler must reach.
+    /// The address to listen on. The scheduler must be able to connect to it.
     #[arg(long, value_name = "IP", default_value = "127.0.0.1")]
     bind: IpAddr,
-    /// The name by which the scheduler reaches this worker; by default the address, or the host's name where it listens on all.
+    /// The host name or address that the scheduler connects to; by default the address of `--bind`, or the host name
+    /// for 0.0.0.0.
     #[arg(long, value_name = "NAME")]
     advertise: Option<String>,
-    /// The first of two ports to listen on; by default two that are free.
+    /// The first of two consecutive ports to listen on; by default two free ports.
     #[arg(long, value_name = "PORT", default_value_t = 0, hide_default_value = true)]
     port: u16,
-    /// The time between two reports to the scheduler.
+    /// Interval between reports to the scheduler.
     #[arg(long, value_name = "TIME", default_value = "5s", value_parser = age)]
     heartbeat: Duration,
     #[command(flatten)]
     trust: TrustArgs,
-    /// What is wrong with units is in their receipts alone.
+    /// Suppress notes and the errors of units; receipts contain the errors.
     #[arg(short, long)]
     quiet: bool,
 }
 
 /// The help of `worker`.
 pub const WORKER_HELP: &str = "\
-A receipt of each task is printed, as by `magline task`. A worker that loses its scheduler waits for it, and begins again. \
-Told to stop (SIGTERM, Ctrl-C) it finishes the units it is at. Exit status: 0 told to stop; 1 the scheduler cannot reach it, or a \
-port is not to be had; 2 the scheduler is another version or has another key, or there is no key. pipeline/CLUSTER.md says what happens when.";
+The worker prints a receipt of each task, as `magline task` does. A worker that loses its scheduler waits for it and \
+registers again. After SIGTERM or Ctrl-C it finishes its current units and ends. Exit status: 0 stopped by a signal; \
+1 the scheduler cannot connect to the worker, or a port is not available; 2 the scheduler has another version or key, \
+or there is no key. pipeline/CLUSTER.md describes all failures.";
 
 /// What Ballista says: warnings, or what the variable RUST_LOG asks for.
 fn log() {
@@ -128,7 +131,7 @@ pub fn scheduler(args: &SchedulerArgs) -> Result<(), Stop> {
         "workers: `magline worker --scheduler {at} --store STORE`; runs: `magline run SPEC --engine ballista://{at}`"
     ));
     if args.trust.insecure_loopback {
-        note("nobody is asked for a key: every user of this machine can have this program compute");
+        note("no key is required: every user of this machine can run computations in this process");
     }
     Ok(listening.serve()?)
 }
@@ -145,13 +148,13 @@ pub fn worker(args: &WorkerArgs) -> Result<(), Stop> {
     let at = engine::at(&host, port);
     if args.bind.is_loopback() && !is_loopback(&host) {
         return Err(Stop::Wrong(format!(
-            "error: the scheduler at {at} cannot reach this worker on {}\n  help: name an address of this host with `--bind`, \
-             such as `--bind 0.0.0.0`",
+            "error: the scheduler at {at} cannot connect to this worker on {}\n  help: give an address of this host \
+             with `--bind`, such as `--bind 0.0.0.0`",
             args.bind
         )));
     }
     if !args.store.join("STORE").is_file() {
-        note(&format!("there is no store {} yet; tasks are refused until a run has made it", shown(&args.store)));
+        note(&format!("there is no store {} yet; tasks are rejected until a run creates it", shown(&args.store)));
     }
     let config = WorkerConfig {
         host,
@@ -167,11 +170,11 @@ pub fn worker(args: &WorkerArgs) -> Result<(), Stop> {
         trust,
     };
     ballista::await_scheduler(&at, &config.trust, |why| note(&format!("waiting for the scheduler at {at}: {why}")))?;
-    note(&format!("{} at work for the scheduler at {at}", super::counted(config.cores, "core")));
+    note(&format!("{} registered with the scheduler at {at}", super::counted(config.cores, "core")));
     match ballista::work(&config, Box::new(task::print))? {
         Ended::Told => Ok(()),
         Ended::Alone => {
-            note(&format!("the scheduler at {at} is gone; beginning again"));
+            note(&format!("the connection to the scheduler at {at} is lost; restarting the worker"));
             sleep(AGAIN_AFTER);
             // In place of this process, of which parts of Ballista cannot be started twice.
             let e = Command::new(&config.program).args(std::env::args_os().skip(1)).exec();

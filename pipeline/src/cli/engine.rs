@@ -14,27 +14,27 @@ const PORT: u16 = 50050;
 /// What computes a run, and its limits.
 #[derive(Args)]
 pub struct EngineArgs {
-    /// The engine: `local`, the threads of this process; `processes`, as many processes of one thread, so that a unit that kills
-    /// its worker or takes too long takes nothing else with it; or `ballista://HOST:PORT`, the workers of a cluster. Results do
-    /// not depend on it.
+    /// The engine. `local` computes in threads of this process. `processes` computes in processes of one thread each: a
+    /// unit that crashes or takes too long affects no other unit. `ballista://HOST:PORT` computes on the workers of a
+    /// cluster. Results do not depend on the engine.
     #[arg(long, value_name = "ENGINE", default_value = "local", value_parser = named)]
     engine: EngineName,
-    /// The longest time of a unit, such as 90s or 2h, with `--engine processes` or a cluster: a thread cannot be stopped.
+    /// Time limit of a unit, such as 90s or 2h. Requires `--engine processes` or a cluster.
     #[arg(long, value_name = "TIME", value_parser = tend::age)]
     unit_timeout: Option<Duration>,
-    /// How often a unit is tried again after its worker was lost; see `magline task`.
+    /// Maximum number of retries of a unit whose worker was lost; `--retries 2` permits three attempts.
     #[arg(long, value_name = "N", default_value_t = run::RETRIES)]
     pub retries: usize,
-    /// With a cluster: how long to wait for a worker, or for a scheduler that is gone, before the rest is given up.
+    /// With a cluster: the time to wait for a worker or a lost scheduler. After it, the run fails the remaining units.
     #[cfg(feature = "cluster")]
     #[arg(long, value_name = "TIME", default_value = "60s", value_parser = tend::age)]
     patience: Duration,
-    /// With a cluster: the file that holds its key, which its scheduler and workers have too. By default the key is taken from
-    /// the variable MAGLINE_CLUSTER_KEY.
+    /// With a cluster: the file with the key that scheduler, workers and runs share. By default the key is in the
+    /// environment variable MAGLINE_CLUSTER_KEY.
     #[cfg(feature = "cluster")]
     #[arg(long, value_name = "FILE")]
     key_file: Option<std::path::PathBuf>,
-    /// With a cluster, for tests: no key. The scheduler must be on the loopback.
+    /// With a cluster, for tests: use no key. The scheduler must listen on the loopback address.
     #[cfg(feature = "cluster")]
     #[arg(long, conflicts_with = "key_file")]
     insecure_loopback: bool,
@@ -57,7 +57,7 @@ fn named(text: &str) -> Result<EngineName, String> {
         "local" => Ok(EngineName::Local),
         "processes" => Ok(EngineName::Processes),
         url if url.starts_with("ballista:") => authority(url).map(|(host, port)| EngineName::Ballista(at(&host, port))),
-        _ => Err("the engines are `local`, `processes` and `ballista://HOST:PORT`".to_owned()),
+        _ => Err("the engine must be `local`, `processes` or `ballista://HOST:PORT`".to_owned()),
     }
 }
 
@@ -68,7 +68,7 @@ pub fn at(host: &str, port: u16) -> String {
 
 /// The host and port of `ballista://HOST:PORT`; an address of IPv6 is in brackets.
 fn authority(text: &str) -> Result<(String, u16), String> {
-    let wrong = || format!("`{text}` names no scheduler: write ballista://HOST:PORT");
+    let wrong = || format!("`{text}` is not the address of a scheduler: write ballista://HOST:PORT");
     let url = Url::parse(text).map_err(|e| format!("{}: {e}", wrong()))?;
     let bare = url.username().is_empty() && url.password().is_none() && url.query().is_none();
     let bare = bare && url.fragment().is_none() && matches!(url.path(), "" | "/");
@@ -81,7 +81,8 @@ fn authority(text: &str) -> Result<(String, u16), String> {
 /// Reads HOST:PORT.
 #[cfg(feature = "cluster")]
 pub fn scheduler(text: &str) -> Result<(String, u16), String> {
-    authority(&format!("ballista://{text}")).map_err(|_| format!("`{text}` names no scheduler: write HOST:PORT"))
+    authority(&format!("ballista://{text}"))
+        .map_err(|_| format!("`{text}` is not the address of a scheduler: write HOST:PORT"))
 }
 
 /// The engine that was asked for, of so many threads or processes.
@@ -90,7 +91,7 @@ pub fn engine(args: &EngineArgs, threads: Option<usize>) -> Result<Box<dyn run::
     match &args.engine {
         EngineName::Local if unit_timeout.is_none() => Ok(Box::new(run::Local)),
         EngineName::Local => Err(Stop::Wrong(
-            "error: the engine `local` cannot stop a unit that takes too long\n  help: use `--engine processes` with \
+            "error: the engine `local` cannot stop a unit after a time limit\n  help: use `--engine processes` with \
              `--unit-timeout`"
                 .to_owned(),
         )),
@@ -112,14 +113,15 @@ pub fn engine(args: &EngineArgs, threads: Option<usize>) -> Result<Box<dyn run::
 
 /// This program.
 pub fn program() -> Result<std::path::PathBuf, Stop> {
-    std::env::current_exe().map_err(|e| Stop::Failed(format!("error: cannot find this program: {e}")))
+    std::env::current_exe().map_err(|e| Stop::Failed(format!("error: cannot find the magline executable: {e}")))
 }
 
 /// A program that cannot be part of a cluster.
 #[cfg(not(feature = "cluster"))]
 pub fn without_cluster() -> Stop {
     Stop::Wrong(
-        "error: this magline was built without clusters\n  help: build it with `cargo build --features cluster`, or use \
+        "error: this magline was built without the feature `cluster`\n  help: build it with `cargo build \
+         --features cluster`, or use \
          `--engine processes`"
             .to_owned(),
     )

@@ -86,7 +86,7 @@ pub fn run(memory: usize, folder: &Path, unfinished: impl Fn(u32) -> Option<Path
         let _ = fs::remove_file(file);
     }
     if ended.code().is_none() && !confine::ran_out(ended) {
-        return Err(Fault::machine(format!("the process of the query was ended from outside: {ended}")).into());
+        return Err(Fault::machine(format!("the process of the query was killed: {ended}")).into());
     }
     Err(memory::fault(memory).into())
 }

@@ -34,48 +34,48 @@ pub struct IngestArgs {
     /// Logs: files, folders or patterns.
     #[arg(required = true)]
     inputs: Vec<String>,
-    /// The folder that the tables are written to; one of each table of a mapping that has several.
+    /// The output folder. A mapping with several tables writes one folder for each.
     #[arg(long, required_unless_present_any = ["suggest", "picture", "write_lines"])]
     to: Option<PathBuf>,
-    /// The format of the logs; known from the content and the extension by default.
+    /// The format of the logs; by default determined from content and extension.
     #[arg(long)]
     format: Option<String>,
-    /// What the columns mean: a TOML file, or the name of a ready mapping.
+    /// The mapping of the columns: a TOML file, or the name of a built-in mapping.
     #[arg(long)]
     mapping: Option<String>,
-    /// One table of the mapping; all by default.
+    /// One table of the mapping; all tables by default.
     #[arg(long, requires = "mapping")]
     table: Option<String>,
-    /// The flight, where neither log nor mapping say it.
+    /// The flight identifier, if neither log nor mapping contains it.
     #[arg(long)]
     flight: Option<String>,
-    /// The line, where neither log nor mapping say it.
+    /// The line identifier, if neither log nor mapping contains it.
     #[arg(long)]
     line: Option<String>,
     #[command(flatten)]
     divided: lines::LineArgs,
-    /// A folder `flight=...` for each flight, instead of the column.
+    /// Write a folder `flight=...` for each flight, instead of the column.
     #[arg(long)]
     hive: bool,
-    /// Replace files that hold other data.
+    /// Replace existing files with other data.
     #[arg(long)]
     replace: bool,
-    /// Take values that look impossible as they are.
+    /// Accept impossible values.
     #[arg(long)]
     accept_range: bool,
-    /// Write a mapping for the log instead, with what it guesses and why.
+    /// Write a suggested mapping for the log instead, with the reason for each guess.
     #[arg(long, conflicts_with = "lines")]
     suggest: bool,
-    /// The file that the suggested mapping is written to; standard output by default.
+    /// The output file of the suggested mapping; standard output by default.
     #[arg(short, long, requires = "suggest")]
     output: Option<PathBuf>,
     /// The number of threads; all cores by default. Results do not depend on it.
     #[arg(long, value_parser = threads::count)]
     threads: Option<usize>,
-    /// One JSON object per line on standard output: each line of each file, with its figures.
+    /// Write one JSON object per line to standard output, one for each line of each file, with its quality figures.
     #[arg(long)]
     json: bool,
-    /// No progress, notes and tables: only errors.
+    /// Suppress progress, notes and tables; print only errors.
     #[arg(short, long)]
     quiet: bool,
 }
@@ -156,7 +156,7 @@ pub fn run(args: &IngestArgs) -> Result<(), Stop> {
 /// A folder for unfinished files, with the lock that says that this process is at work in it.
 fn working_folder(hidden: &Path) -> std::io::Result<(PathBuf, fs::File)> {
     const TRIALS: usize = 100;
-    let mut last = std::io::Error::other("no free name");
+    let mut last = std::io::Error::other("no unused folder name");
     for _ in 0..TRIALS {
         make_folder(&std::path::absolute(hidden)?)?;
         sweep(hidden);
@@ -191,13 +191,14 @@ fn works(args: &IngestArgs, to: &Path) -> Result<Vec<Work>, Stop> {
     let mut taken: BTreeMap<PathBuf, &Path> = BTreeMap::new();
     for work in &works {
         if let Some(other) = taken.insert(work.folder.join(&work.name), &work.input) {
-            let what = format!("{} and {} would both be {}", other.display(), work.input.display(), work.name);
-            return Err(Fault::new(what).help("ingest them into two folders").into());
+            let what =
+                format!("{} and {} would both be written to {}", other.display(), work.input.display(), work.name);
+            return Err(Fault::new(what).help("ingest them to different folders with `--to`").into());
         }
     }
     if works.is_empty() {
-        let fault = Fault::new("no table of the mapping is in these files");
-        return Err(fault.help("its keys `file` and `topic` say where they are").into());
+        let fault = Fault::new("these files contain no table of the mapping");
+        return Err(fault.help("check the keys `file` and `topic` of the mapping").into());
     }
     Ok(works)
 }
@@ -234,13 +235,13 @@ fn tables_in(args: &IngestArgs, mapping: &Arc<Mapping>, path: &Path) -> Result<V
             Some(known) => format!("{}: {}", path.display(), known.note),
             None => format!("{} has no topic `{topic}`", path.display()),
         };
-        note(&format!("{why}: the table `{}` is left out", table.name()));
+        note(&format!("{why}: the table `{}` is skipped", table.name()));
     }
     if there.is_empty() {
         let names: Vec<&str> = topics.iter().filter(|t| t.note.is_empty()).map(|t| t.name.as_str()).collect();
-        let fault = Fault::new(format!("{} holds no topic of the mapping {}", path.display(), mapping.label));
+        let fault = Fault::new(format!("{} contains no topic of the mapping {}", path.display(), mapping.label));
         let names = if names.is_empty() { "none".to_owned() } else { names.join(", ") };
-        return Err(fault.help(format!("its topics: {names}")).into());
+        return Err(fault.help(format!("topics of the file: {names}")).into());
     }
     Ok(there)
 }
@@ -293,7 +294,7 @@ fn told(
         text.push(format!("and {} more", faults.len() - SHOWN));
     }
     if written > 0 && lost > 0 {
-        text.push(format!("{} written, {} left out", counted(written, "line"), counted(lost, "line")));
+        text.push(format!("{} written, {} rejected", counted(written, "line"), counted(lost, "line")));
     }
     // Where nothing was written, the input is wrong, unless the machine is.
     let ours = faults.iter().all(|f| f.owner == Owner::Spec || f.owner == Owner::Data);
@@ -344,7 +345,7 @@ fn summary(work: &Work, exported: &Exported) -> String {
     if exported.lines.len() > SHOWN {
         text += &format!("  and {} more\n", counted(exported.lines.len() - SHOWN, "line"));
     }
-    let how = if exported.unchanged { "was there already: " } else { "" };
+    let how = if exported.unchanged { "unchanged: " } else { "" };
     for file in &exported.files {
         text += &format!("  {how}{}\n", file.display());
     }
@@ -442,7 +443,7 @@ fn as_json(work: &Work, exported: &Exported, line: &LineOf) -> serde_json::Value
 /// Writes a mapping for a log.
 fn suggested(args: &IngestArgs) -> Result<(), Stop> {
     let [input] = args.inputs.as_slice() else {
-        return Err(Fault::new("a mapping is suggested for one log at a time").into());
+        return Err(Fault::new("`--suggest` requires exactly one log").into());
     };
     let path = Path::new(input);
     let options = FlightOptions { format: args.format.clone(), ..FlightOptions::default() };

@@ -17,7 +17,7 @@ use crate::{
 };
 
 /// The message on an interrupted run.
-pub const SAID: &str = "interrupted; what was finished is kept, and the same command goes on from there";
+pub const SAID: &str = "interrupted; finished results are stored, run the same command again to resume";
 
 /// The exit status of an interrupted run.
 pub const STATUS: u8 = 130;
@@ -27,7 +27,7 @@ pub fn leave() {
     // Where no handler can be set, the next process removes them.
     let _ = ctrlc::set_handler(|| {
         temporary::remove_all();
-        let _ = writeln!(std::io::stderr(), "interrupted; files that are finished are kept");
+        let _ = writeln!(std::io::stderr(), "interrupted; finished files are kept");
         exit(i32::from(STATUS));
     });
 }

@@ -27,15 +27,15 @@ use crate::{
 /// Which lines the logs are divided into.
 #[derive(Args)]
 pub struct LineArgs {
-    /// A table of lines (`flight`, `line`, `t_start`, `t_end` in s past midnight UTC) in place of the logs' own; or `auto`, which finds
-    /// them: survey and tie lines, calibration boxes, cloverleafs, figures of eight and circles.
+    /// A table of lines (`flight`, `line`, `t_start`, `t_end` in s past midnight UTC) that replaces the lines in the
+    /// logs; or `auto` to find survey and tie lines, calibration boxes, cloverleafs, figures of eight and circles.
     #[arg(long, value_name = "FILE|auto")]
     pub lines: Option<String>,
-    /// A picture to check the lines by: .svg or .png, one of each flight.
+    /// Draw the lines for checking, one .svg or .png file per flight.
     #[arg(long, requires = "lines", value_name = "FILE")]
     pub picture: Option<PathBuf>,
-    /// The table that lines found by `--lines auto` are written to, to be edited and used by `lines` of a spec or `--lines`;
-    /// `_lines/LOG.csv` in the folder of `--to` by default, `_lines/lines.csv` for several logs.
+    /// The output table of the lines found by `--lines auto`. After editing, it can be used by `lines` of a spec or
+    /// `--lines`. Default: `_lines/LOG.csv` in the folder of `--to`, or `_lines/lines.csv` for several logs.
     #[arg(long, requires = "lines", value_name = "FILE")]
     pub write_lines: Option<PathBuf>,
 }
@@ -93,8 +93,8 @@ pub fn lines(
         Division::Found => None,
     };
     if given.is_some() && args.write_lines.is_some() {
-        let fault = Fault::new("`--write-lines` writes the lines that are found");
-        return Err(fault.help(format!("say `--lines {AUTO}`, or leave it out")).into());
+        let fault = Fault::new("`--write-lines` writes only lines that magline finds");
+        return Err(fault.help(format!("use `--lines {AUTO}`, or remove `--write-lines`")).into());
     }
     if given.is_some() && args.picture.is_none() {
         return Ok(Lines { table: given });
@@ -116,10 +116,10 @@ pub fn lines(
     let missing: Vec<Fault> = flights.iter().filter_map(|(flight, found)| found.missing(flight)).collect();
     flights.retain(|(_, found)| !found.lines.is_empty());
     if flights.is_empty() {
-        let none = || Fault::data("the files hold no samples");
+        let none = || Fault::data("the files contain no samples");
         return Err(missing.into_iter().next().unwrap_or_else(none).into());
     }
-    missing.iter().for_each(|fault| note(&format!("{}; its samples are left out", fault.what)));
+    missing.iter().for_each(|fault| note(&format!("{}; its samples are dropped", fault.what)));
     let written = written(args, logs, &flights, to, replace)?;
     let pictures = drawn(args, &flights)?;
     if json {
@@ -148,10 +148,10 @@ fn written(
     let other = fs::read(&path).is_ok_and(|known| known != text.as_bytes());
     if other && !replace {
         let help = format!(
-            "use them by `--lines {}`, name another file with `--write-lines`, or say `--replace`",
+            "use its lines with `--lines {}`, give another file with `--write-lines`, or add `--replace`",
             path.display()
         );
-        return Err(Fault::new(format!("{} holds other lines already", path.display())).help(help).into());
+        return Err(Fault::new(format!("{} already contains other lines", path.display())).help(help).into());
     }
     let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let failed = |e| Stop::Failed(format!("error: cannot write {}: {e}", path.display()));
@@ -172,7 +172,8 @@ impl Form {
         let known = [("svg", Form::Svg), ("png", Form::Png)];
         let found = known.into_iter().find(|(name, _)| ending.as_deref() == Some(*name));
         found.map(|(_, form)| form).ok_or_else(|| {
-            Fault::new(format!("`{}` is no kind of picture", path.display())).help("end its name in .svg or .png")
+            Fault::new(format!("`{}` is not a supported image format", path.display()))
+                .help("use the extension .svg or .png")
         })
     }
 }

@@ -22,33 +22,33 @@ use super::{Stop, note, say, tell, threads};
 /// Anomaly maps.
 #[derive(Subcommand)]
 pub enum MapCommand {
-    /// Say what is in a map: extent, spacing, height, gaps, statistics.
+    /// Print the extent, spacing, height, gaps and statistics of a map.
     Info(info::InfoArgs),
-    /// Make a map of survey points.
+    /// Make a map from survey points.
     Grid(Box<grid::GridArgs>),
     /// Fill the gaps of a map, from its surroundings or from other maps.
     Fill(fill::FillArgs),
-    /// Continue a map to other heights, or differentiate it.
+    /// Continue a map upward or downward to other heights, or differentiate it.
     Continue(continuation::ContinueArgs),
-    /// Write a map in another format or coordinate system, cut or expanded.
+    /// Convert a map to another format or coordinate system; cut or expand it.
     Convert(Box<convert::ConvertArgs>),
-    /// Draw a map, with tracks on it.
+    /// Draw a map with tracks.
     Plot(plot::PlotArgs),
 }
 
 /// How a map's file is read.
 #[derive(Args, Clone)]
 pub struct InputArgs {
-    /// The format, where content and name of the file do not tell.
+    /// The format, if content and name of the file do not determine it.
     #[arg(long)]
     format: Option<String>,
-    /// The EPSG code of the coordinates, before what the file says.
+    /// The EPSG code of the coordinates; overrides the file.
     #[arg(long)]
     epsg: Option<u16>,
-    /// The height of the map in metres above the WGS-84 ellipsoid, before what the file says.
+    /// The height of the map above the WGS-84 ellipsoid, m; overrides the file.
     #[arg(long, allow_negative_numbers = true)]
     alt: Option<f64>,
-    /// The unit of the anomaly, before what the file says.
+    /// The unit of the anomaly; overrides the file.
     #[arg(long)]
     unit: Option<String>,
     #[command(flatten)]
@@ -58,10 +58,10 @@ pub struct InputArgs {
 /// Values that are missing or look impossible.
 #[derive(Args, Clone, Default)]
 pub struct DoubtfulArgs {
-    /// Numbers that mark a missing value, in the unit of the file, separated by commas.
+    /// Numbers that represent missing values, in the unit of the file, separated by commas.
     #[arg(long, value_name = "NUMBER", value_delimiter = ',', allow_hyphen_values = true)]
     missing: Vec<String>,
-    /// `range` takes values that look impossible as they are.
+    /// `range` accepts impossible values.
     #[arg(long, value_name = "WHAT", value_parser = ["range"])]
     accept: Option<String>,
 }
@@ -79,10 +79,10 @@ impl DoubtfulArgs {
 /// Where a map is written to.
 #[derive(Args, Clone)]
 pub struct OutputArgs {
-    /// The file; its ending names the format.
+    /// The output file; its extension determines the format.
     #[arg(short, long)]
     output: PathBuf,
-    /// The format it is written in, where the file's ending does not tell.
+    /// The output format, if the extension of the file does not determine it.
     #[arg(long)]
     output_format: Option<String>,
 }
@@ -90,7 +90,7 @@ pub struct OutputArgs {
 /// How many threads work.
 #[derive(Args, Clone)]
 pub struct ThreadArgs {
-    /// How many threads; all cores when left out. The answers do not depend on it.
+    /// The number of threads; all cores by default. Results do not depend on it.
     #[arg(long, value_parser = threads::count)]
     threads: Option<usize>,
 }
@@ -127,8 +127,8 @@ impl OutputArgs {
 fn apart<'a>(output: &Path, inputs: impl IntoIterator<Item = &'a PathBuf>) -> Result<(), Stop> {
     let Ok(there) = output.canonicalize() else { return Ok(()) };
     if inputs.into_iter().any(|input| input.canonicalize().is_ok_and(|input| input == there)) {
-        let what = format!("{} would be written over itself", output.display());
-        return Err(Fault::new(what).help("name another file with `-o`").into());
+        let what = format!("the output would overwrite the input {}", output.display());
+        return Err(Fault::new(what).help("give another file with `-o`").into());
     }
     Ok(())
 }

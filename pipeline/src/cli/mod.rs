@@ -49,8 +49,8 @@ use crate::{
     views,
 };
 
-/// Compensates aeromagnetic flights and navigates by the magnetic anomaly: a TOML file names tables and stages, a run
-/// computes what is not yet in its store, and every result is Parquet.
+/// Batch pipeline for aeromagnetic compensation and magnetic navigation. A TOML spec declares tables and stages. A run
+/// computes the results that are missing from the store. Each result is a Parquet data set.
 #[derive(Parser)]
 #[command(name = "magline", version, max_term_width = 100)]
 struct Cli {
@@ -60,20 +60,22 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
-    /// Run what is not yet in the store.
+    /// Run a spec: compute the results that are missing from the store.
     #[command(after_long_help = run::JSON_HELP)]
     Run(run::RunArgs),
-    /// Merge the files of a sweep that has grown, as if it had been run at once; missing results are computed.
+    /// Merge the files of a sweep that was extended by several runs. Missing results are computed. The files are then
+    /// the same as after a single run.
     Compact(run::RunArgs),
-    /// Print what can be computed next, as tasks for `magline task`; none when all is done. The sources are read.
+    /// Print the next tasks for `magline task`. No output means that everything is computed. The command reads the
+    /// sources.
     Tasks(task::TasksArgs),
-    /// Compute tasks, and print a receipt of each: for Slurm, Dask, Argo or xargs.
+    /// Compute tasks and print a receipt of each, for Slurm, Dask, Argo or xargs.
     #[command(after_long_help = task::STATUS_HELP)]
     Task(task::TaskArgs),
     /// Serve as the scheduler of a cluster, for `magline run --engine ballista://HOST:PORT`.
     #[cfg(feature = "cluster")]
     Scheduler(cluster::SchedulerArgs),
-    /// Compute what the scheduler of a cluster hands out.
+    /// Compute the tasks that the scheduler of a cluster dispatches.
     #[cfg(feature = "cluster")]
     #[command(after_long_help = cluster::WORKER_HELP)]
     Worker(cluster::WorkerArgs),
@@ -83,33 +85,33 @@ enum Command {
         #[arg(trailing_var_arg = true, allow_hyphen_values = true, hide = true)]
         _given: Vec<String>,
     },
-    /// Check a spec; nothing is run.
+    /// Check a spec without running it.
     Check(SpecArgs),
-    /// Print the plan: tables, axes, what is in the store, what each stage costs.
+    /// Print the plan: tables, axes, stored results and the cost of each stage.
     Explain(ExplainArgs),
-    /// Show what changed since a table was last computed.
+    /// Explain why a table would run again: the changes since it was last computed.
     Why {
         #[command(flatten)]
         spec: SpecArgs,
         /// The table.
         table: String,
     },
-    /// Query the tables of a store, named PIPELINE.TABLE, in SQL.
+    /// Query the tables of a store in SQL, by the names PIPELINE.TABLE.
     Sql(sql::SqlArgs),
-    /// Serve the tables of a store over Arrow Flight SQL, read-only; a build with the feature `serve` has it.
+    /// Serve the tables of a store over Arrow Flight SQL, read-only. Requires a build with the feature `serve`.
     Serve(serve::ServeArgs),
-    /// Answer one query of `serve`, in a process of its own.
+    /// Answer one query of `serve` in a separate process.
     #[cfg(feature = "serve")]
     #[command(name = crate::serve::COMMAND, hide = true)]
     AnswerQuery,
     /// List the tables of a store.
     Ls {
-        /// Only those of this pipeline.
+        /// Only this pipeline.
         pipeline: Option<String>,
         #[command(flatten)]
         store: tend::StoreArgs,
     },
-    /// Remove a published pipeline, or one table of it; computed results stay until `gc`.
+    /// Remove the tables of a pipeline, or one table. Computed results stay in the store until `magline gc --yes`.
     Rm {
         /// The pipeline, or the table as PIPELINE.TABLE.
         name: String,
@@ -118,75 +120,74 @@ enum Command {
     },
     /// List the runs, or show what changed between two runs of a pipeline.
     Runs {
-        /// Only those of this pipeline.
+        /// Only the runs of this pipeline.
         pipeline: Option<String>,
-        /// One run, by its number.
+        /// The number of the earlier run.
         #[arg(requires = "to")]
         from: Option<u64>,
-        /// A later run.
+        /// The number of the later run.
         to: Option<u64>,
         #[command(flatten)]
         store: tend::StoreArgs,
     },
-    /// List the results in a store that are no longer referenced; `--yes` removes them.
+    /// List the unreferenced results of a store; `--yes` removes them.
     Gc(tend::GcArgs),
-    /// Verify every byte of a store, and quarantine damaged files; or check a published data set.
+    /// Verify every byte of a store and quarantine damaged files; or verify a published set.
     Verify {
-        /// The folder of a published data set, or of a store, or the address of a store.
+        /// The folder of a published set or of a store, or the address of a store.
         #[arg(value_parser = located)]
         folder: Option<PathBuf>,
         #[command(flatten)]
         store: tend::StoreArgs,
     },
-    /// Show where a table's rows come from.
+    /// Trace a table to its input bytes.
     Lineage {
         /// The table, as PIPELINE.TABLE.
         table: String,
         /// The store's folder, or its address such as s3://BUCKET/PREFIX.
         #[arg(long, default_value = "store", value_parser = located)]
         store: PathBuf,
-        /// The output form.
+        /// The output format.
         #[arg(long, value_enum, default_value_t)]
         format: views::Format,
     },
     /// List the stages, or describe one.
     Stages {
-        /// The stage, `synth` for every key of a simulation's spec, `mapping` for every key of a mapping, or `search` for
-        /// every key of a search.
+        /// The stage; or `synth`, `mapping` or `search` for the keys of a simulation, a mapping or a search.
         name: Option<String>,
-        /// The reference page of all stages.
+        /// Print the reference page of all stages in Markdown.
         #[arg(long)]
         markdown: bool,
     },
-    /// Write the results of a run as one page of tables and plots, or its tracks for Google Earth and QGIS.
+    /// Write a report of a run: one HTML page of tables and plots, or the tracks for Google Earth and QGIS.
     Report(report::ReportArgs),
-    /// Write tables of a run as a data set that others can cite, check and compute again.
+    /// Publish tables of a run as a set that others can cite, verify and recompute.
     Publish(publish::PublishArgs),
-    /// The benchmark magline-bench: its flights, and scores of predictions by any program.
+    /// The benchmark magline-bench: write its flights, or score the predictions of any program.
     Bench {
         #[command(subcommand)]
         command: bench::BenchCommand,
     },
-    /// Write a trained network of a `fit` as an ONNX file, which other programs run.
+    /// Export a trained network of a `fit` as an ONNX file for other programs.
     Onnx(onnx::OnnxArgs),
-    /// Work on anomaly maps.
+    /// Process anomaly maps.
     Map {
-        /// Only errors on standard error: no progress, no notes.
+        /// Suppress progress and notes; print only errors.
         #[arg(short, long, global = true)]
         quiet: bool,
         #[command(subcommand)]
         command: map::MapCommand,
     },
-    /// Bring logs into flight Parquet, with a summary of their quality.
+    /// Import logs as flight Parquet, with a summary of their quality.
     Ingest(ingest::IngestArgs),
     /// Simulate flights with known truth.
     Synth {
         /// The simulation's spec.
         spec: PathBuf,
-        /// The folder the flights are written to.
+        /// The output folder of the flights.
         #[arg(long)]
         to: PathBuf,
-        /// Only errors on standard error.
+        /// Suppress progress; print only errors.
         #[arg(short, long)]
         quiet: bool,
     },
@@ -196,7 +197,8 @@ enum Command {
 struct SpecArgs {
     /// The spec: a TOML file.
     spec: PathBuf,
-    /// Change a value of the spec: seed, store, axes.NAME, search.KEY, tables.NAME.KEY, publish.KEY or STAGE.PARAMETER.
+    /// Override a value of the spec. KEY is seed, store, axes.NAME, search.KEY, tables.NAME.KEY, publish.KEY or
+    /// STAGE.PARAMETER.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     sets: Vec<String>,
 }
@@ -205,14 +207,14 @@ struct SpecArgs {
 struct ExplainArgs {
     #[command(flatten)]
     spec: SpecArgs,
-    /// What a run would cost instead: rows, bytes in the store, processor time and memory of each table, and the time on
-    /// this machine. Sources are read, or simulated, for it.
+    /// Print the cost of a run instead: rows, bytes in the store, processor time and memory of each table, and the
+    /// total time on this machine. The command reads or simulates the sources.
     #[arg(long)]
     cost: bool,
-    /// The form of the cost.
+    /// The output format of the cost.
     #[arg(long, value_enum, default_value_t, requires = "cost")]
     format: CostFormat,
-    /// The number of threads that the run would have; all cores by default.
+    /// The number of threads of the run; all cores by default.
     #[arg(long, value_parser = threads::count, requires = "cost")]
     threads: Option<usize>,
 }
@@ -220,10 +222,10 @@ struct ExplainArgs {
 /// The form of a cost.
 #[derive(Clone, Copy, Default, ValueEnum)]
 enum CostFormat {
-    /// Columns, in two digits.
+    /// Aligned columns, values to two significant digits.
     #[default]
     Table,
-    /// One JSON object: tables, and the sums of rows, bytes, processor_s, clock_s, memory_bytes.
+    /// One JSON object: the tables, and the totals rows, bytes, processor_s, clock_s, memory_bytes.
     Json,
 }
 
@@ -269,7 +271,7 @@ pub fn main(catalogue: &[Entry]) -> ExitCode {
     let mut names: Vec<&str> = catalogue.iter().map(|e| e.name).collect();
     names.sort_unstable();
     if let Some(pair) = names.windows(2).find(|pair| pair[0] == pair[1]) {
-        err!("error: the catalogue has two stages `{}`\n  help: give one of them another name", pair[0]);
+        err!("error: the catalogue has two stages `{}`\n  help: rename one of them", pair[0]);
         return ended(2);
     }
     let command = match Cli::try_parse() {
@@ -417,7 +419,7 @@ fn check(catalogue: &[Entry], args: &SpecArgs) -> Result<(), Stop> {
         note(text);
     }
     let most = if plan.spec.search.is_some() { "at most " } else { "" };
-    say(format!("{} is fine: {} tables, {most}{points} points\n", plan.spec.file, plan.tables.len()))
+    say(format!("{} is valid: {} tables, {most}{points} points\n", plan.spec.file, plan.tables.len()))
 }
 
 fn explain(catalogue: &[Entry], args: &ExplainArgs) -> Result<(), Stop> {

@@ -18,13 +18,14 @@ use crate::{
 pub struct OnnxArgs {
     /// The table of a `fit`, as PIPELINE.TABLE.
     table: String,
-    /// A condition in SQL on the axes, such as "model = 'm2c' AND mag = 'mag_4_uc'"; needed where the table has several models.
+    /// An SQL condition on the axes, such as "model = 'm2c' AND mag = 'mag_4_uc'". Required if the table has several
+    /// models.
     #[arg(long = "where", value_name = "CONDITION")]
     condition: Option<String>,
     /// The store's folder, or its address such as s3://BUCKET/PREFIX.
     #[arg(long, default_value = "store", value_parser = located)]
     store: PathBuf,
-    /// The file to write.
+    /// The output file.
     #[arg(short, long)]
     output: PathBuf,
 }
@@ -38,7 +39,7 @@ struct Terms {
 
 impl Sink for Terms {
     fn take(&mut self, batch: RecordBatch) -> Result<bool, Fault> {
-        let wrong = || Fault::new("the table is not that of a `fit`: it has no terms and values");
+        let wrong = || Fault::new("the table is not made by a `fit`: it has no terms and values");
         let names = batch.column(0).as_string_opt::<i32>().ok_or_else(wrong)?;
         let values = batch.column(1).as_primitive_opt::<Float64Type>().ok_or_else(wrong)?;
         self.names.extend(names.iter().map(|name| name.unwrap_or_default().to_owned()));
@@ -69,11 +70,11 @@ pub fn run(args: &OnnxArgs) -> Result<(), Stop> {
     sorted.sort_unstable();
     if sorted.windows(2).any(|pair| pair[0] == pair[1]) {
         let fault = Fault::new(format!("{} has several models", args.table));
-        return Err(fault.help("choose one by its axes, with `--where`").into());
+        return Err(fault.help("select one by its axes with `--where`").into());
     }
     let Some(Learned::Network(network)) = Learned::read(&terms.names, &terms.values)? else {
         let fault = Fault::new(format!("{} has no dense network", args.table));
-        return Err(fault.help("models with an ONNX file are `m1`, `m2a` to `m2d`, `tlnn` and `etlnn`").into());
+        return Err(fault.help("only the models `m1`, `m2a` to `m2d`, `tlnn` and `etlnn` can be exported").into());
     };
     let bytes = network.to_onnx()?;
     std::fs::write(&args.output, &bytes)

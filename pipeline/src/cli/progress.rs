@@ -247,7 +247,7 @@ impl Listener for Progress {
                     self.set(step.done, step.all);
                 }
             }
-            Event::Started { .. } => self.stage("looking up what is in the store"),
+            Event::Started { .. } => self.stage("looking up results in the store"),
             Event::Computing { table, units } => {
                 self.stage(&format!("computing {table}"));
                 self.set(0, *units);

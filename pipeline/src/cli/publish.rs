@@ -18,22 +18,22 @@ use crate::{
 pub struct PublishArgs {
     #[command(flatten)]
     spec: SpecArgs,
-    /// The tables: those of stages, and those that are read from files.
+    /// The tables: tables of stages and tables of files.
     #[arg(required = true)]
     tables: Vec<String>,
-    /// The folder of the data set, or its address such as s3://BUCKET/NAME, which must be new or empty.
+    /// The folder of the published set, or its address such as s3://BUCKET/NAME. It must be new or empty.
     #[arg(long)]
     to: String,
-    /// Replace a published data set that is there.
+    /// Replace a published set in this folder.
     #[arg(long)]
     replace: bool,
-    /// Publish restricted columns and what is made from them; the data set says so.
+    /// Publish restricted columns and the results made from them. The published set states the restrictions.
     #[arg(long)]
     include_restricted: bool,
-    /// One JSON object on standard output.
+    /// Write one JSON object to standard output.
     #[arg(long)]
     json: bool,
-    /// The number of threads; all cores by default. The data set does not depend on it.
+    /// The number of threads; all cores by default. The published set does not depend on it.
     #[arg(long, value_parser = super::threads::count)]
     threads: Option<usize>,
 }
@@ -93,16 +93,16 @@ fn as_text(done: &Published, to: &str) -> String {
     text += &if done.written {
         format!("wrote {to}, {files}\n")
     } else {
-        format!("{to} is the same data set already, {files}\n")
+        format!("{to} already holds the same published set, {files}\n")
     };
     if done.failures > 0 {
         note(&format!(
-            "{} could not be computed; the README of the data set lists what",
+            "{} could not be computed; the README of the published set lists them",
             counted(done.failures, "line or fit")
         ));
     }
     for column in &done.lifted {
-        note(&format!("an earlier run has recorded {column} as restricted; the spec no longer restricts it"));
+        note(&format!("an earlier run recorded {column} as restricted; the spec no longer restricts it"));
     }
     for one in &done.restricted {
         note(&format!("restricted: {one}"));
@@ -119,7 +119,7 @@ pub fn verify(folder: &Path) -> Result<(), Stop> {
         counted(usize::try_from(found.rows).unwrap_or(usize::MAX), "row")
     );
     if found.faults.is_empty() {
-        return say(format!("{read}: all as published\n"));
+        return say(format!("{read}: all verified\n"));
     }
     let mut text = format!("{}: {}", folder.display(), counted(found.faults.len(), "fault"));
     for (file, why) in &found.faults {

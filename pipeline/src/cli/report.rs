@@ -15,13 +15,13 @@ use crate::{
 pub struct ReportArgs {
     #[command(flatten)]
     spec: SpecArgs,
-    /// The HTML file it is written to; .kml or .kmz for the tracks of `navigate`.
+    /// The output file: .html for a page, .kml or .kmz for the tracks of `navigate`.
     #[arg(short, long)]
     output: PathBuf,
-    /// In .kml and .kmz, only the tracks of these tables.
+    /// With .kml and .kmz: write only the tracks of these tables.
     #[arg(long, value_delimiter = ',')]
     table: Vec<String>,
-    /// In .kml and .kmz, these lines, not those of the page.
+    /// With .kml and .kmz: write these lines instead of the lines of the page.
     #[arg(long, value_delimiter = ',')]
     line: Vec<String>,
 }
@@ -42,13 +42,13 @@ pub fn run(catalogue: &[Entry], args: &ReportArgs) -> Result<(), Stop> {
         Some("kmz") => Form::Kmz,
         Some("html" | "htm") | None => Form::Page,
         Some(other) => {
-            let fault = Fault::new(format!("a report is a page or tracks, and cannot be written as `.{other}`"));
-            return Err(fault.help("end the name of the file in .html, .kml or .kmz").into());
+            let fault = Fault::new(format!("a report cannot be written as `.{other}`"));
+            return Err(fault.help("use the extension .html for a page, or .kml or .kmz for tracks").into());
         }
     };
     if matches!(form, Form::Page) && !(args.table.is_empty() && args.line.is_empty()) {
-        let fault = Fault::new("a page has no choice of tables and lines");
-        return Err(fault.help("leave out `--table` and `--line`, or end the name of the file in .kml or .kmz").into());
+        let fault = Fault::new("`--table` and `--line` cannot be combined with an HTML page");
+        return Err(fault.help("remove `--table` and `--line`, or use the extension .kml or .kmz").into());
     }
     let stem = args.output.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
     let choice = Choice { tables: &args.table, lines: &args.line };

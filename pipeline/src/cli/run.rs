@@ -28,49 +28,52 @@ pub struct RunArgs {
     threads: Option<usize>,
     #[command(flatten)]
     engine: engine::EngineArgs,
-    /// Read the bytes of every input, even where its size and time are unchanged.
+    /// Read the bytes of every input, even if its size and modification time are unchanged.
     #[arg(long)]
     verify_inputs: bool,
-    /// Replace the tables of a pipeline that another spec has made, in a store outside of the spec's folder.
+    /// Replace the tables of another spec in a store outside the spec's folder.
     #[arg(long)]
     take_over: bool,
     #[command(flatten)]
     schedule: schedule::ScheduleArgs,
-    /// One JSON event per line on standard output; `magline run --help` describes them.
+    /// Write one JSON event per line to standard output; `magline run --help` lists the fields.
     #[arg(long)]
     json: bool,
-    /// No progress, no notes and no tables: only errors, and one line if results are marked.
+    /// Suppress progress, notes and tables. Print only errors, and one line if results are flagged.
     #[arg(short, long)]
     quiet: bool,
 }
 
 /// What `magline run --help` says of its output and exit status.
 pub const JSON_HELP: &str = "\
-Scores are marked where a filter is worse than its INS alone (worse_than_ins), where its NEES is outside of 0.2 to 20 (its \
-law is 2) or its NIS outside of 0.25 to 4 (its law is 1). These, maps at another height than the flight (map_height), \
-lines that are mostly off the map (off_map) and warnings of a fit (fit) are rows of the table \
-<name>.warnings, with the likely cause. They do not change the exit status.
+A score is flagged in four cases. The filter is worse than the INS alone (worse_than_ins). The NEES of the position is \
+outside 0.2 to 20; its expected value is 2 (nees_low, nees_high). The NIS is outside 0.25 to 4; its expected value is \
+1 (nis_low, nis_high). The whiteness of the innovations is below 0.8; its expected value is 0.95 (not_white). The \
+table <name>.warnings has one row for each flag, with the likely cause. It also has rows for rejected GNSS positions \
+(gnss), lines mostly off the map (off_map), flat maps (flat), a map at another height than the flight (map_height), a \
+low anomaly retention (retention), fits (fit), maps (map) and metrics that cannot be computed (metric). Warnings do \
+not change the exit status.
 
 Events of --json, one object per line, each with the key `event`:
-  reading     table, file, simulated, lines, of_lines, done, all: a file is begun or done, or has one more line
+  reading     table, file, simulated, lines, of_lines, done, all: a file is opened or closed, or one more line is read
   started     pipeline, version, run, time, units, notes
-  computing   table, units: how many of its units (a line at a sweep point, or a fit) are computed now
+  computing   table, units: the number of units to compute (a unit is a line or a fit at one point)
   unit        table, axes, flight, line, status (computed, reused, failed, skipped), error
-  waiting     for: what is missing to go on, such as a worker of a cluster; null when it goes on
-  searching   generation, rung, trials (their numbers), of, best (trial, goal): trials that are computed next
+  waiting     for: the missing resource, such as a worker of a cluster; null when the run resumes
+  searching   generation, rung, trials (their numbers), of, best (trial, goal): the trials to compute next
   trial       trial, generation, rung, axes, goal, state (done, promoted, pruned, failed), error, best
   publishing  table
   table       table, seconds, computed, reused, failed, skipped
   finished    computed, reused, failed, skipped; version, run, time, seconds, folder; tables (the same counts and the \
 seconds of each); failures; notes; warnings (stage, axes, flight, line, kind, value, limit, unit, text, cause); scores \
-(stage, axes, lines, marked, metrics: pooled over the lines, null where there is none); left (tables that --until left \
-as they were), compared (of --force: table, units, differ); unused_bytes (of earlier results, which gc removes); interrupted
+(stage, axes, lines, marked, metrics: pooled over the lines, null without a value); left (tables that --until did not \
+change), compared (of --force: table, units, differ); unused_bytes (unreferenced results, which gc removes); interrupted
 
-Exit status: 0 all is there; 1 something failed, the rest is kept; 2 the spec, an argument or an input is wrong, nothing \
-was run; 3 another run of the pipeline has the lock; 4 stopped by --max-time; 130 interrupted. After 4 and 130 the same \
-command goes on from there.
+Exit status: 0 everything is computed; 1 something failed, the rest is computed and stored; 2 the spec, an argument or \
+an input is wrong, nothing was run; 3 another run of the pipeline holds the lock; 4 stopped by --max-time; \
+130 interrupted. After 4 and 130, run the same command again to resume.
 
-`run` is a hash of what is asked and of the data it is asked of: the same for the same spec and inputs. `time` is UTC.";
+`run` is a hash of the spec and its inputs: the same for the same spec and inputs. `time` is UTC.";
 
 /// Runs a spec; with `compact` its tables become the files of a single run.
 ///
@@ -97,7 +100,7 @@ const WORTH_A_NOTE: u64 = 1 << 20;
 fn unused(bytes: u64) -> Option<String> {
     let size = tend::bytes(bytes);
     (bytes >= WORTH_A_NOTE)
-        .then(|| format!("{size} of earlier results are no longer used; `magline gc --yes` removes them"))
+        .then(|| format!("{size} of stored results are unreferenced; `magline gc --yes` removes them"))
 }
 
 /// A run that has come to an end, and what its user is told of it.
@@ -112,8 +115,8 @@ fn ran(
         let mut spec = read_spec(&args.spec.spec, &args.spec.sets)?;
         if let Some(other) = views::made_by_another(&spec).filter(|_| !args.take_over) {
             let store = spec.store.display();
-            let what = format!("the pipeline `{}` in the store {store} was made by another spec, {other}", spec.name);
-            let help = "name another `store` or `name` in the spec; or replace its tables with `--take-over`";
+            let what = format!("the pipeline `{}` in the store {store} belongs to another spec, {other}", spec.name);
+            let help = "change `store` or `name` in the spec, or replace the tables with `--take-over`";
             return Err(spec.faults(vec![Fault::new(what).help(help)]));
         }
         spec.verify_inputs = args.verify_inputs;
@@ -231,7 +234,7 @@ fn ending(summary: &Summary, json: bool) -> Result<(), Stop> {
     }
     let differ: usize = summary.compared.iter().map(|c| c.differ.len()).sum();
     if differ < summary.failures.len() {
-        let which = if differ > 0 { "those of the run" } else { "all of them" };
+        let which = if differ > 0 { "failures of the run" } else { "all failures" };
         text.push_str(&format!("\n{which} are in {}", summary.folder.join("failures").display()));
     }
     Err(Stop::Failed(if json { String::new() } else { text }))

@@ -11,30 +11,30 @@ use crate::views::sql::memory;
 #[derive(Args)]
 #[cfg_attr(not(feature = "serve"), allow(dead_code, reason = "only the feature `serve` reads them"))]
 pub struct ServeArgs {
-    /// The store's folder.
+    /// The store's folder, or its address such as s3://BUCKET/PREFIX.
     #[arg(long, default_value = "store", value_parser = super::located)]
     store: PathBuf,
-    /// The address to listen at; port 0 takes a free one.
+    /// The address to listen on; port 0 selects a free port.
     #[arg(long, value_name = "IP:PORT", default_value = "127.0.0.1:31337")]
     bind: SocketAddr,
-    /// A file that contains the token that clients must send, as a bearer token or as the password of any user. Without one
-    /// only this machine is served, and everyone on it.
+    /// The file with the token that clients must send, as a bearer token or as the password of any user. Without a
+    /// token the server accepts only connections from this machine, from any user.
     #[arg(long, value_name = "FILE")]
     token_file: Option<PathBuf>,
-    /// The certificate chain, PEM: connections are then encrypted.
+    /// The certificate chain in PEM format. Connections are then encrypted.
     #[arg(long, value_name = "FILE", requires = "tls_key")]
     tls_cert: Option<PathBuf>,
-    /// The key of the certificate, PEM.
+    /// The key of the certificate in PEM format.
     #[arg(long, value_name = "FILE", requires = "tls_cert")]
     tls_key: Option<PathBuf>,
-    /// The memory limit of all queries together, such as 4GB; more goes to temporary files. By default a quarter of the
-    /// machine's, at most 8 GB.
+    /// The memory limit of all queries together, such as 4GB. Larger operations use temporary files. By default a
+    /// quarter of the machine's memory, at most 8 GB.
     #[arg(long, value_name = "SIZE", value_parser = memory::size)]
     memory_limit: Option<usize>,
-    /// Queries at once; others wait.
+    /// The maximum number of concurrent queries; further queries wait.
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u16).range(1..))]
     queries: u16,
-    /// The longest time for a query, s, from its request to its last row.
+    /// The time limit of a query from its request to its last row, s.
     #[arg(long, value_name = "SECONDS", default_value_t = 300, value_parser = clap::value_parser!(u32).range(1..))]
     timeout: u32,
 }
@@ -42,8 +42,8 @@ pub struct ServeArgs {
 /// Serves until it is interrupted.
 #[cfg(not(feature = "serve"))]
 pub fn run(_: &ServeArgs) -> Result<(), Stop> {
-    let what =
-        "error: this magline was built without `serve`\n  help: build it with `cargo build --features magline/serve`";
+    let what = "error: this magline was built without the feature `serve`\n  help: build it with `cargo build \
+                --features magline/serve`";
     Err(Stop::Wrong(what.to_owned()))
 }
 
@@ -60,7 +60,7 @@ pub fn run(args: &ServeArgs) -> Result<(), Stop> {
 
     if !tend::is_store(&args.store) {
         let fault = Fault::new(format!("{} is not a store", args.store.display()));
-        return Err(fault.help("run a spec first, and name its store with `--store`").into());
+        return Err(fault.help("run a spec first, then give its store with `--store`").into());
     }
     let read = |path: &Path| fs::read(path).map_err(|e| Fault::new(format!("cannot read {}: {e}", path.display())));
     let token = args.token_file.as_deref().map(|path| -> Result<Token, Fault> {
@@ -70,14 +70,14 @@ pub fn run(args: &ServeArgs) -> Result<(), Stop> {
     });
     let token = token.transpose()?;
     if let Some(path) = args.token_file.as_deref().filter(|path| others_read(path)) {
-        note(&format!("other users of this machine can read the token: `chmod 600 {}`", path.display()));
+        note(&format!("other users of this machine can read the token; run `chmod 600 {}`", path.display()));
     }
     let tls = match (&args.tls_cert, &args.tls_key) {
         (Some(certificate), Some(key)) => Some((read(certificate)?, read(key)?)),
         _ => None,
     };
     if tls.is_none() && !args.bind.ip().is_loopback() && token.is_some() {
-        note("the token and all results go over the network unencrypted; `--tls-cert` and `--tls-key` encrypt them");
+        note("the token and all results are sent unencrypted; encrypt them with `--tls-cert` and `--tls-key`");
     }
     let (stop, stopped) = watch::channel(false);
     // Where no handler can be set, an interrupt ends the process at once.
@@ -101,7 +101,7 @@ pub fn run(args: &ServeArgs) -> Result<(), Stop> {
         timeout: Duration::from_secs(u64::from(args.timeout)),
     };
     let scheme = if settings.tls.is_some() { "grpc+tls" } else { "grpc" };
-    let who = if settings.token.is_some() { "with a token" } else { "to everyone on this machine" };
+    let who = if settings.token.is_some() { "with a token" } else { "to all users of this machine" };
     let store = args.store.display();
     Ok(serve(settings, |address| err!("serving {store} at {scheme}://{address}, read-only, {who}"), stopped)?)
 }

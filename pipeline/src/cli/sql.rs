@@ -25,26 +25,26 @@ use crate::{
 /// The arguments of a query.
 #[derive(Args)]
 pub struct SqlArgs {
-    /// The query; `-` or nothing reads it from standard input.
+    /// The query. Without it, or with `-`, the query is read from standard input.
     #[arg(conflicts_with = "file")]
     query: Option<String>,
-    /// A file that contains the query.
+    /// The file with the query.
     #[arg(short, long)]
     file: Option<PathBuf>,
     /// The store's folder, or its address such as s3://BUCKET/PREFIX.
     #[arg(long, default_value = "store", value_parser = located)]
     store: PathBuf,
-    /// The form of the result.
+    /// The output format.
     #[arg(long, value_enum, default_value_t)]
     format: answer::Format,
-    /// The output file.
+    /// The output file; standard output by default.
     #[arg(short, long)]
     output: Option<PathBuf>,
-    /// End the result after this number of rows, with a note on standard error.
+    /// The maximum number of rows. A note on standard error reports a truncated result.
     #[arg(long, value_name = "N")]
     max_rows: Option<usize>,
-    /// The memory limit of the query, such as 4GB; more goes to temporary files. By default a quarter of the machine's,
-    /// at most 8 GB.
+    /// The memory limit of the query, such as 4GB. Larger operations use temporary files. By default a quarter of the
+    /// machine's memory, at most 8 GB.
     #[arg(long, value_name = "SIZE", value_parser = memory::size)]
     memory_limit: Option<usize>,
 }
@@ -79,7 +79,7 @@ pub fn run(args: &SqlArgs) -> Result<(), Stop> {
     answered(&question, &mut first)?;
     if let Some(schema) = first.cut.take() {
         first.answer.finish(&schema)?;
-        err!("note: the result has more than {most} rows; `--max-rows` truncates it");
+        err!("note: the result has more than {most} rows; `--max-rows` truncated it");
     }
     Ok(())
 }
@@ -98,7 +98,7 @@ fn query(args: &SqlArgs) -> Result<String, Fault> {
             .map_err(|e| Fault::new(format!("cannot read the query in {}: {e}", file.display()))),
         (None, None) if std::io::stdin().is_terminal() => {
             Err(Fault::new("there is no query")
-                .help("write it as an argument, in a file (`-f FILE`) or to standard input"))
+                .help("give it as an argument, in a file (`-f FILE`) or on standard input"))
         }
         _ => {
             let mut text = String::new();
@@ -142,8 +142,9 @@ fn outside(output: &Path, store: &Path) -> Result<(), Fault> {
     let folder = output.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     match (folder.canonicalize(), store.canonicalize()) {
         (Ok(folder), Ok(store)) if folder.starts_with(&store) => {
-            let fault = Fault::new(format!("{} is in the store, which a query does not change", output.display()));
-            Err(fault.help("give a file outside of it with `-o`"))
+            let fault =
+                Fault::new(format!("{} is in the store; a query does not write to the store", output.display()));
+            Err(fault.help("give a file outside the store with `-o`"))
         }
         _ => Ok(()),
     }

@@ -32,19 +32,20 @@ const LONGEST: u64 = 64 << 20;
 pub struct TasksArgs {
     #[command(flatten)]
     spec: SpecArgs,
-    /// Only those of this table.
+    /// Only tasks of this table.
     #[arg(long)]
     table: Option<String>,
-    /// The most units of a task; by default so many that the start of a process is 5 % of what they are expected to take.
+    /// The maximum number of units of a task. By default the start of a process takes 5 % of the expected time of a
+    /// task.
     #[arg(long, value_name = "N", value_parser = units)]
     units: Option<usize>,
-    /// How often a unit is tried again after its worker was lost.
+    /// Maximum number of retries of a unit whose worker was lost; `--retries 2` permits three attempts.
     #[arg(long, value_name = "N", default_value_t = run::RETRIES)]
     retries: usize,
-    /// Read the bytes of every input, even where its size and time are unchanged.
+    /// Read the bytes of every input, even if its size and modification time are unchanged.
     #[arg(long)]
     verify_inputs: bool,
-    /// Only errors on standard error.
+    /// Suppress progress and notes; print only errors.
     #[arg(short, long)]
     quiet: bool,
 }
@@ -55,36 +56,37 @@ pub struct TaskArgs {
     /// The store's folder, or its address such as s3://BUCKET/PREFIX.
     #[arg(long, default_value = "store", value_parser = located)]
     store: PathBuf,
-    /// The tasks; by default those on standard input, one a line.
+    /// The tasks; by default read from standard input, one per line.
     #[arg(value_name = "TASK")]
     tasks: Vec<String>,
-    /// Only every N-th of the tasks, from the I-th on, counted from 0: for job arrays.
+    /// For job arrays: compute only every N-th task, starting at task I, counted from 0.
     #[arg(long, value_name = "I/N", value_parser = share)]
     share: Option<(usize, usize)>,
     /// The number of threads; all cores by default. Results do not depend on it.
     #[arg(long, value_parser = threads::count)]
     threads: Option<usize>,
-    /// The longest time of a unit, such as 90s or 2h. The process ends when it is over, with exit status 1; the unit is then one whose
-    /// worker was lost.
+    /// Time limit of a unit, such as 90s or 2h. After it, the process ends with exit status 1, and the unit counts as a
+    /// unit whose worker was lost.
     #[arg(long, value_name = "TIME", value_parser = age)]
     unit_timeout: Option<Duration>,
-    /// How often a unit is tried again after its worker was lost.
+    /// Maximum number of retries of a unit whose worker was lost; `--retries 2` permits three attempts.
     #[arg(long, value_name = "N", default_value_t = run::RETRIES)]
     retries: usize,
-    /// What is wrong with units is in their receipts alone.
+    /// Suppress notes and the errors of units; receipts contain the errors.
     #[arg(short, long)]
     quiet: bool,
-    /// End when this process is no longer the parent.
+    /// End when the process with this id is no longer the parent.
     #[arg(long, value_name = "PROCESS", hide = true)]
     parent: Option<u32>,
 }
 
 /// The help of `task` on its exit status.
 pub const STATUS_HELP: &str = "\
-Exit status: 0 every unit has its answer, if only that the data do not permit it, as `magline run` will say too; 1 a unit has \
-none, because the machine failed, a stage ended with a panic, or the time was over: give the task again; 2 a task was refused \
-(cut, of another version, of a plan that the store does not hold): `magline tasks` writes the tasks again; 130 interrupted, \
-with everything finished kept. pipeline/TASKS.md describes tasks and receipts.";
+Exit status: 0 every unit has a result, or an error caused by the data; `magline run` reports that error too. 1 a unit \
+has no result, because the machine failed, a stage panicked, or the time limit was exceeded: submit the task again. \
+2 a task was rejected: it is truncated, of another version, or of a plan that is not in the store; write the tasks \
+again with `magline tasks`. 130 interrupted; finished results are stored. pipeline/TASKS.md describes tasks and \
+receipts.";
 
 fn units(text: &str) -> Result<usize, String> {
     match text.parse() {
@@ -123,13 +125,16 @@ pub fn tasks(catalogue: &[Entry], args: &TasksArgs) -> Result<(), Stop> {
     }
     out!("{text}");
     if listed.tasks.is_empty() {
-        note(&format!("nothing is left to compute; `magline run {}` publishes", args.spec.spec.display()));
+        note(&format!("everything is computed; publish the tables with `magline run {}`", args.spec.spec.display()));
     } else {
         let each: Vec<String> = listed.units.iter().map(|(name, n)| format!("{n} of `{name}`")).collect();
         note(&format!("{}; units: {}", counted(listed.tasks.len(), "task"), each.join(", ")));
     }
     if listed.given_up > 0 {
-        note(&format!("{} given up; `magline run` says which and why", counted(listed.given_up, "unit")));
+        note(&format!(
+            "{} failed after all attempts; `magline run` lists the errors",
+            counted(listed.given_up, "unit")
+        ));
     }
     Ok(())
 }
@@ -168,10 +173,10 @@ pub fn task(catalogue: &[Entry], args: &TaskArgs) -> Result<(), Stop> {
     }
     let mut ends = vec![];
     if served.unanswered > 0 {
-        ends.push(format!("{} without an answer: give the tasks again", counted(served.unanswered, "unit")));
+        ends.push(format!("{} without a result: submit the tasks again", counted(served.unanswered, "unit")));
     }
     if served.refused + wrong > 0 {
-        ends.push(format!("{} refused", counted(served.refused + wrong, "task")));
+        ends.push(format!("{} rejected", counted(served.refused + wrong, "task")));
         return Err(Stop::Wrong(ends.join("; ")));
     }
     match ends.join("; ") {
@@ -185,10 +190,10 @@ pub fn task(catalogue: &[Entry], args: &TaskArgs) -> Result<(), Stop> {
 pub fn print(receipt: &Receipt) {
     match serde_json::to_string(receipt) {
         Ok(text) => out!("{text}\n"),
-        Err(e) => err!("error: a receipt cannot be written: {e}"),
+        Err(e) => err!("error: cannot write a receipt: {e}"),
     }
     if let Some(why) = &receipt.refused {
-        err!("error: a task of `{}` is refused: {why}", receipt.table);
+        err!("error: a task of `{}` is rejected: {why}", receipt.table);
     }
     for answer in receipt.units.iter().filter(|_| !is_quiet()) {
         let Some(fault) = &answer.fault else { continue };
@@ -209,8 +214,10 @@ fn lines(args: &TaskArgs) -> Box<dyn Iterator<Item = Result<String, Fault>> + Se
         let read = io::stdin().lock().take(LONGEST).read_until(b'\n', &mut bytes);
         match read {
             Ok(0) => None,
-            Ok(n) if n as u64 == LONGEST => Some(Err(Fault::new("a line of 64 MB is not a task"))),
-            Ok(_) => Some(String::from_utf8(bytes).map_err(|_| Fault::new("it is not a task: not text in UTF-8"))),
+            Ok(n) if n as u64 == LONGEST => Some(Err(Fault::new("the line is not a task: it exceeds 64 MB"))),
+            Ok(_) => {
+                Some(String::from_utf8(bytes).map_err(|_| Fault::new("the line is not a task: it is not UTF-8 text")))
+            }
             Err(e) => Some(Err(Fault::machine(format!("cannot read standard input: {e}")))),
         }
     };

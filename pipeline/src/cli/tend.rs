@@ -43,7 +43,7 @@ impl StoreArgs {
         pulled(&self.store)?;
         if !self.store.join("STORE").is_file() {
             let fault = Fault::new(format!("there is no store {}", shown(&self.store)));
-            return Err(fault.help("name its folder or address with `--store`"));
+            return Err(fault.help("give its folder or address with `--store`"));
         }
         Ok(&self.store)
     }
@@ -57,13 +57,13 @@ pub struct GcArgs {
     /// The number of versions of each pipeline to keep; the newest is always kept.
     #[arg(long, default_value_t = 1)]
     keep: usize,
-    /// Keep newer results, such as 30m, 12h or 7d.
+    /// Keep results newer than this age, such as 30m, 12h or 7d.
     #[arg(long, value_name = "AGE", default_value = "0s", value_parser = age)]
     older_than: Duration,
-    /// Only list what would be removed; the default without `--yes`.
+    /// List the results without removing them; the default without `--yes`.
     #[arg(long, conflicts_with = "yes")]
     dry_run: bool,
-    /// Remove it.
+    /// Remove the listed results.
     #[arg(long)]
     yes: bool,
 }
@@ -73,7 +73,7 @@ pub struct GcArgs {
 /// # Errors
 /// Fails for any other text.
 pub fn age(text: &str) -> Result<Duration, String> {
-    let wrong = || format!("`{text}` is not a length of time: write 90s, 30m, 12h, 7d or 4w");
+    let wrong = || format!("`{text}` is not a duration: write for example 90s, 30m, 12h, 7d or 4w");
     let (number, unit) = text.split_at(text.find(|c: char| !c.is_ascii_digit()).ok_or_else(wrong)?);
     let seconds = match unit {
         "s" => 1,
@@ -104,20 +104,20 @@ pub fn gc(args: &GcArgs) -> Result<(), Stop> {
     let what = tend::Collect { keep: args.keep, older_than: args.older_than, dry: !args.yes };
     let done = tend::collect(&store, what)?;
     let verb = if args.yes { "removed" } else { "would remove" };
-    let packs = format!("{} of results that no version rests on ({})", counted(done.packs, "file"), bytes(done.bytes));
+    let packs = format!("{} of unreferenced results ({})", counted(done.packs, "file"), bytes(done.bytes));
     let mut text = format!("{verb} {}, {packs}", counted(done.versions.len(), "old version"));
     if done.damaged > 0 {
         text += &format!(", {}", counted(done.damaged, "damaged file"));
     }
     text += "\n";
     for folder in &done.foreign {
-        text += &format!("left {}: it holds files that are not magline's\n", folder.display());
+        text += &format!("kept {}: it contains files that magline did not write\n", folder.display());
     }
     if done.busy {
-        text += "a run is at work in the store, so results are left alone\n";
+        text += "results are kept, because a run is using the store\n";
     }
     if !args.yes {
-        text += "nothing was removed; `--yes` removes it\n";
+        text += "nothing was removed; `--yes` removes these files\n";
     }
     say(text)
 }
@@ -148,7 +148,7 @@ pub fn rm(args: &StoreArgs, name: &str) -> Result<(), Stop> {
     let store = args.open()?;
     let (pipeline, table) = name.split_once('.').map_or((name, None), |(p, t)| (p, Some(t)));
     tend::remove(&store, pipeline, table)?;
-    say(format!("removed {name}; what was computed stays until `magline gc --yes`\n"))
+    say(format!("removed {name}; computed results stay until `magline gc --yes`\n"))
 }
 
 /// The history of runs, or what changed between two.
@@ -176,17 +176,17 @@ pub fn verify(args: &StoreArgs) -> Result<(), Stop> {
         Err(fault) => return Err(fault.into()),
     };
     if damaged_mark {
-        found.damaged.insert(root.join("STORE"), "its content is wrong".to_owned());
+        found.damaged.insert(root.join("STORE"), "its content is damaged".to_owned());
     }
     drop(progress);
     let read = format!("{}, {}", counted(found.files, "file"), bytes(found.bytes));
     if found.damaged.is_empty() {
-        return say(format!("{read}: all as written\n"));
+        return say(format!("{read}: all verified\n"));
     }
-    let mut text = format!("{read}: {} not as written", found.damaged.len());
+    let mut text = format!("{read}: {} damaged", found.damaged.len());
     for (path, why) in &found.damaged {
         text += &format!("\n  {}: {}", one_line(&path.to_string_lossy()), one_line(why));
     }
-    text += "\nrun the specs again: what is damaged is computed and published again";
+    text += "\nrun the specs again: damaged results are recomputed and published again";
     Err(Stop::Failed(text))
 }

@@ -27,7 +27,7 @@ pub fn build(spec: Spec, catalogue: &[Entry], recorded: Option<&Recorded>) -> Re
     let Builder { mut faults, flights, maps, tables, mut notes, .. } = builder;
     if let Some(Err(wrong)) = &spec.publish {
         let all: Vec<String> = wrong.iter().map(ToString::to_string).collect();
-        notes.push(format!("`[publish]` is not complete, so `magline publish` will refuse it: {}", all.join("; ")));
+        notes.push(format!("`[publish]` is incomplete, so `magline publish` will reject it: {}", all.join("; ")));
     }
     let mut seen = HashSet::new();
     faults.retain(|f| seen.insert((f.what.clone(), f.at.clone())));
@@ -37,9 +37,9 @@ pub fn build(spec: Spec, catalogue: &[Entry], recorded: Option<&Recorded>) -> Re
 
 /// The tables that a run writes beside those of the stages.
 const BESIDE: [(&str, &str); 5] = [
-    ("failures", "what failed"),
-    ("quality", "the quality of the data"),
-    ("warnings", "what is not to be trusted as it is"),
+    ("failures", "failed results"),
+    ("quality", "data quality"),
+    ("warnings", "warnings"),
     ("scores_pooled", "scores pooled over lines"),
     ("trials", "the trials of a search"),
 ];
@@ -51,7 +51,7 @@ impl Builder<'_> {
         let mut seen: Vec<&str> = vec![];
         for (name, at) in sources.chain(self.spec.stages.iter().map(|s| (&s.name, &s.at))) {
             if seen.contains(&name.as_str()) {
-                self.faults.push(Fault::new(format!("two tables are called `{name}`")).at(at.clone()));
+                self.faults.push(Fault::new(format!("two tables have the name `{name}`")).at(at.clone()));
             }
             let taken = BESIDE.iter().find(|(taken, _)| name == taken);
             if let Some((_, what)) = taken.filter(|(taken, _)| *taken != "trials" || self.spec.search.is_some()) {
@@ -80,9 +80,8 @@ impl Builder<'_> {
         let spec = self.spec;
         if state[i] == 1 {
             let decl = &spec.stages[i];
-            self.faults.push(
-                Fault::new(format!("`{}` is made from itself, through its inputs", decl.name)).at(decl.at.clone()),
-            );
+            self.faults
+                .push(Fault::new(format!("`{}` depends on itself through its inputs", decl.name)).at(decl.at.clone()));
             self.broken.push(decl.name.clone());
             return;
         }
@@ -134,7 +133,7 @@ impl Builder<'_> {
         }
         let before = self.faults.len();
         if let (Grain::Map, Some((_, at))) = (entry.grain, &decl.predicate) {
-            let fault = Fault::new(format!("`{}` works on maps, which have no lines to select", entry.name));
+            let fault = Fault::new(format!("`{}` works on maps, which have no lines; remove `where`", entry.name));
             self.faults.push(fault.at(at.clone()).help("remove `where`"));
         }
         let slots = self.slots(decl, entry, &grid);
@@ -189,7 +188,10 @@ impl Builder<'_> {
         let size = axes.fold(1u128, |n, a| n.saturating_mul(a.values.len() as u128));
         let size = if size > 10u128.pow(30) { "more than 10^30".to_owned() } else { size.to_string() };
         let what = format!("`{}` would be run at {size} points: {}", decl.name, product.join(" x "));
-        let help = format!("at most {MOST_POINTS}: take fewer values, a smaller `up_to`, or several specs");
+        let help = format!(
+            "at most {MOST_POINTS} are permitted: use fewer values, a smaller `up_to`, or several \
+                            specs"
+        );
         Fault::new(what).at(decl.at.clone()).help(help)
     }
 

@@ -23,9 +23,11 @@ impl Builder<'_> {
             self.faults.extend(kept(decl, of_lines).map(|fault| fault.at(decl.keep.1.clone())));
         }
         if let (false, Some((_, at))) = (of_lines, decl.carry.first()) {
-            let what =
-                format!("`{}` is not a table of flight lines: `carry` names columns that pass through one", decl.name);
-            self.faults.push(Fault::new(what).at(at.clone()).help("remove `carry`; the table holds all its columns"));
+            let what = format!("`carry` applies only to tables of flight lines, and `{}` is not one", decl.name);
+            self.faults.push(Fault::new(what).at(at.clone()).help(
+                "remove `carry`; the published table has all \
+                columns",
+            ));
             return None;
         }
         let columns: Vec<&schemas::Column> = tables.iter().flat_map(|t| &t.shape().columns).collect();
@@ -54,11 +56,11 @@ impl Builder<'_> {
 /// The fault of `keep = false`.
 fn kept(decl: &StageDecl, of_lines: bool) -> Option<Fault> {
     if !of_lines {
-        let what = format!("`{}` is not a table of flight lines: it is always kept", decl.name);
+        let what = format!("`keep` applies only to tables of flight lines, and `{}` is not one", decl.name);
         return Some(Fault::new(what).help("remove `keep`"));
     }
     decl.publish.then(|| {
-        let what = format!("`{}` is written out for others to read, so what it holds must be kept", decl.name);
+        let what = format!("`{}` is published, so its results must be kept", decl.name);
         Fault::new(what).help("add `publish = false`, or remove `keep`")
     })
 }

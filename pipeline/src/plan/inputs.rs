@@ -45,7 +45,13 @@ impl Builder<'_> {
                 if input.optional {
                     continue;
                 }
-                let what = format!("`{}` needs `{}`, the name of {}", entry.name, input.name, kind_words(input.kind));
+                let what = format!(
+                    "`{}` requires `{}`, the name of \
+                                    {}",
+                    entry.name,
+                    input.name,
+                    kind_words(input.kind)
+                );
                 self.faults.push(Fault::new(what).at(decl.at.clone()));
                 fine = false;
                 continue;
@@ -133,7 +139,7 @@ impl Builder<'_> {
             };
             if !fits {
                 let kind = table.kind();
-                let what = format!("`{}` needs {}, but `{name}` is {kind}", input.name, kind_words(input.kind));
+                let what = format!("`{}` requires {}, but `{name}` is {kind}", input.name, kind_words(input.kind));
                 self.faults.push(Fault::new(what).at(given.at.clone()));
                 return None;
             }
@@ -165,7 +171,7 @@ impl Builder<'_> {
             InputKind::Lines | InputKind::ManyLines | InputKind::Record | InputKind::ManyRecords => Use::Flights,
             InputKind::Scores => {
                 let what =
-                    format!("`{}` needs {}, but `{name}` is read from files", input.name, kind_words(input.kind));
+                    format!("`{}` requires {}, but `{name}` is a table of files", input.name, kind_words(input.kind));
                 self.faults.push(Fault::new(what).at(given.at.clone()));
                 return None;
             }
@@ -242,7 +248,7 @@ impl Builder<'_> {
 fn derivative(name: &str, table: &Table) -> Option<Fault> {
     let Table::Map(shape) = table else { return None };
     let unit = &shape.get("anomaly")?.unit;
-    let what = format!("`{name}` is a derivative in {unit}, but a map of the anomaly in {ANOMALY_UNIT} is needed");
+    let what = format!("`{name}` is a derivative in {unit}, but a map of the anomaly in {ANOMALY_UNIT} is required");
     (unit != ANOMALY_UNIT).then(|| Fault::new(what))
 }
 

@@ -144,7 +144,7 @@ fn select(lines: Vec<LineId>, predicate: Option<&Predicate>, all: &[(String, Str
     if selected.is_empty() {
         let some: Vec<String> = all.iter().take(12).map(|(f, l)| format!("{f}/{l}")).collect();
         let fault = Fault::new("`where` selects no line");
-        return Err(fault.help(format!("there are, as flight/line: {}", some.join(", "))));
+        return Err(fault.help(format!("available lines, as flight/line: {}", some.join(", "))));
     }
     Ok(selected)
 }

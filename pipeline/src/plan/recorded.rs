@@ -178,23 +178,25 @@ impl Recorded {
     /// Fails when it is not there, damaged, or of another version.
     pub fn find(store: &Store, key: Key) -> Result<Recorded, Fault> {
         let recorded: Recorded = serde_json::from_slice(&store.plan(key)?)
-            .map_err(|e| Fault::new(format!("the plan {key} is of another version of magline: {e}")))?;
+            .map_err(|e| Fault::new(format!("the plan {key} was made by another version of magline: {e}")))?;
         if recorded.form != FORM || recorded.magline != env!("CARGO_PKG_VERSION") {
             let what = format!(
-                "the plan {key} is of magline {}, form {}; this is magline {}, form {FORM}",
+                "the plan {key} was made by magline {}, form {}; this is magline {}, form {FORM}",
                 recorded.magline,
                 recorded.form,
                 env!("CARGO_PKG_VERSION")
             );
-            return Err(Fault::new(what).help("use the same program for tasks and workers"));
+            return Err(Fault::new(what).help("use the same version for tasks and workers"));
         }
         if recorded.arithmetic_key != *ARITHMETIC {
             let what = format!(
-                "results of this machine ({}) and of the one that made the plan {key} ({}) differ in their last bits",
+                "results of this machine ({}) and of the machine that made the plan {key} ({}) differ in their last \
+                 bits",
                 processor(),
                 recorded.arithmetic
             );
-            let help = "use workers with the processor and the C library of the machine that plans, or run there";
+            let help = "use workers with the same processor type and C library as the planning machine, or plan on \
+                        this machine";
             return Err(Fault::new(what).help(help));
         }
         Ok(recorded)
@@ -207,7 +209,7 @@ impl Recorded {
     pub fn plan(&self, catalogue: &[Entry]) -> Result<Plan, Faults> {
         let spec = Spec::parse(&self.file, ".".into(), self.text.clone(), &self.sets)?;
         let rows: Option<Vec<Row>> = self.trials.iter().map(RecordedTrial::row).collect();
-        let rows = rows.ok_or_else(|| spec.faults(vec![Fault::new("a trial of the plan cannot be read")]))?;
+        let rows = rows.ok_or_else(|| spec.faults(vec![Fault::new("a trial of the plan is unreadable")]))?;
         let spec = if spec.search.is_some() { spec.with_trials(&rows) } else { spec };
         build::build(spec, catalogue, Some(self))
     }

@@ -58,8 +58,8 @@ impl Builder<'_> {
         for name in unused(self.spec) {
             let at =
                 search.columns().into_iter().find(|(n, _)| *n == name).map_or(search.at.clone(), |(_, at)| at.clone());
-            let fault = Fault::new(format!("no stage takes the searched axis `{name}`")).at(at);
-            self.faults.push(fault.help(format!("mention it in a parameter: `\"${name}\"`")));
+            let fault = Fault::new(format!("no stage uses the searched axis `{name}`")).at(at);
+            self.faults.push(fault.help(format!("use it in a parameter: `\"${name}\"`")));
         }
         if self.broken.contains(&search.table) {
             return;
@@ -68,14 +68,14 @@ impl Builder<'_> {
         let Some(node) = self.tables.iter().find(|t| t.name == search.table) else {
             let scores = self.tables.iter().filter(|t| !t.entry.metrics.is_empty());
             let known: Vec<&str> = scores.map(|t| t.name.as_str()).collect();
-            let fault = Fault::new(format!("the goal's table `{}` does not exist", search.table));
+            let fault = Fault::new(format!("the table `{}` of `goal` does not exist", search.table));
             self.faults.push(goal(fault.nearest(&search.table, &known)));
             return;
         };
         let of_scores = node.entry.yields == TableKind::Scores && node.entry.grain == Grain::Line;
         if !of_scores || node.entry.metrics.is_empty() {
-            let what = format!("the goal's table `{}` is not a table of scores of lines", node.name);
-            self.faults.push(goal(Fault::new(what).help("name one of the stage `score`")));
+            let what = format!("the table `{}` of `goal` is not a table of line scores", node.name);
+            self.faults.push(goal(Fault::new(what).help("give a table of the stage `score`")));
             return;
         }
         let known: Vec<&str> = node.entry.metrics.iter().map(|m| m.name).collect();
@@ -85,27 +85,26 @@ impl Builder<'_> {
             return;
         };
         if metric.better == Better::Neither && search.direction.is_none() {
-            let what = format!("the metric `{}` has no better values", metric.name);
-            self.faults
-                .push(goal(Fault::new(what).help("say which are: `direction = \"minimise\"` or `\"maximise\"`")));
+            let what = format!("the metric `{}` has no preferred direction", metric.name);
+            self.faults.push(goal(Fault::new(what).help("set `direction = \"minimise\"` or `\"maximise\"`")));
         }
         let asked = self.spec.stages.get(node.decl).and_then(|d| d.args.get("metrics"));
         if let Some(Literal::List(items)) = asked.map(|given| &given.value) {
             let words: Vec<&str> = items.iter().filter_map(Literal::as_text).collect();
             if !words.contains(&metric.name) && !words.iter().any(|w| w.starts_with('$')) {
                 let what = format!("`{}` is not among the `metrics` of `{}`", metric.name, node.name);
-                self.faults.push(goal(Fault::new(what).help("add it there")));
+                self.faults.push(goal(Fault::new(what).help("add it to `metrics`")));
             }
         }
         if !node.axes.iter().any(|a| self.spec.searched.contains(a)) {
-            let what = format!("the goal's table `{}` does not depend on what is searched", node.name);
-            self.faults.push(goal(Fault::new(what).help("a stage before it must mention a searched axis")));
+            let what = format!("the table `{}` of `goal` does not depend on a searched axis", node.name);
+            self.faults.push(goal(Fault::new(what).help("use a searched axis in a stage that this table depends on")));
         }
         if let Some((text, at)) = &search.predicate {
             let shape = node.tables.first().map(|t| t.shape().clone()).unwrap_or_default();
             match Predicate::new(text, &shape) {
                 Ok(predicate) if !predicate.is_of_lines() => {
-                    let what = "the `where` of a search selects lines, so it may only name `flight` and `line`";
+                    let what = "the `where` of a search selects lines, so it may use only `flight` and `line`";
                     self.faults.push(Fault::new(what).at(at.clone()));
                 }
                 Ok(_) => {}

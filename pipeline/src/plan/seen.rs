@@ -18,10 +18,10 @@ impl TableNode {
     pub fn in_sample_meaning(&self) -> Option<&'static str> {
         let meaning = match self.entry.grain {
             Grain::Line if self.entry.yields == TableKind::Scores => {
-                "whether a model, noise or map behind the score was made from this line, or a search chose by it"
+                "true if this line was used by a model, noise or map behind the score, or to choose a parameter"
             }
             Grain::Survey if self.slots.iter().any(|slot| slot.kind == InputKind::Scores) => {
-                "whether a line behind the figure is in sample: a model, noise or map saw it, or a search chose by it"
+                "true if a line behind the value is in sample: used by a model, noise or map, or to choose a parameter"
             }
             Grain::Line | Grain::Survey | Grain::Map => return None,
         };

@@ -259,8 +259,8 @@ fn gold_carry_names_columns_that_pass_through() {
     for (name, line, says) in [
         ("clean", "carry = ['lat', 'lom']", "`clean` has no column `lom` to carry"),
         ("clean", "carry = ['lat', 'lom']", "did you mean `lon`?"),
-        ("coefficients", "carry = ['lat']", "`coefficients` is not a table of flight lines"),
-        ("scores", "carry = ['lat']", "`scores` is not a table of flight lines"),
+        ("coefficients", "carry = ['lat']", "tables of flight lines, and `coefficients` is not one"),
+        ("scores", "carry = ['lat']", "tables of flight lines, and `scores` is not one"),
     ] {
         let text = said(name, line);
         assert!(text.contains(says) && text.contains("--> lazy.toml:"), "{text}");
@@ -273,7 +273,7 @@ fn gold_keep_is_for_lines_that_are_not_written_out() {
     assert_eq!(said("clean", "keep = true"), "[]");
     for (name, line, says) in [
         ("clean", "keep = false", "add `publish = false`, or remove `keep`"),
-        ("coefficients", "publish = false\nkeep = false", "`coefficients` is not a table of flight lines"),
+        ("coefficients", "publish = false\nkeep = false", "tables of flight lines, and `coefficients` is not one"),
         ("scores", "keep = false", "remove `keep`"),
     ] {
         let text = said(name, line);

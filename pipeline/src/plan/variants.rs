@@ -192,7 +192,7 @@ impl Builder<'_> {
         let predicate = Predicate::new(text, &shape)?;
         if entry.grain == Grain::Line && !predicate.is_of_lines() {
             let what =
-                format!("`{}` works on whole lines, so its `where` may only name `flight` and `line`", entry.name);
+                format!("`{}` works on whole lines, so its `where` may use only `flight` and `line`", entry.name);
             return Err(Fault::new(what));
         }
         let predicate = Arc::new(predicate);

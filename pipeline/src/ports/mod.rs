@@ -31,7 +31,7 @@ pub fn cryptography() -> Result<Arc<CryptoProvider>, Fault> {
         && std::arch::is_aarch64_feature_detected!("sha2");
     if !able {
         return Err(Fault::new(
-            "this processor lacks instructions that encryption needs (AES, AVX2, ADX; SHA-2 on ARM)",
+            "encryption requires processor instructions that this machine lacks (AES, AVX2, ADX; SHA-2 on ARM)",
         ));
     }
     let provider = rustls_graviola::default_provider();
@@ -47,10 +47,10 @@ pub fn cryptography() -> Result<Arc<CryptoProvider>, Fault> {
 #[cfg_attr(not(feature = "serve"), allow(dead_code))]
 pub fn encryption(certificates: &[u8], key: &[u8]) -> Result<Arc<ServerConfig>, Fault> {
     let wrong = |why: &dyn std::fmt::Display| {
-        Fault::new(format!("the certificate or its key cannot be used: {why}")).help("both are PEM files")
+        Fault::new(format!("the certificate or its key is invalid: {why}")).help("both must be PEM files")
     };
     let provider = cryptography()
-        .map_err(|fault| fault.help("serve on the loopback, and encrypt with a proxy that speaks HTTP/2"))?;
+        .map_err(|fault| fault.help("listen on the loopback address, and encrypt with a proxy that supports HTTP/2"))?;
     let chain: Result<Vec<_>, _> = CertificateDer::pem_slice_iter(certificates).collect();
     let chain = chain.map_err(|e| wrong(&e))?;
     let key = PrivateKeyDer::from_pem_slice(key).map_err(|e| wrong(&e))?;

@@ -39,7 +39,7 @@ impl Aggregate {
     /// Its figures and the rule in words.
     pub fn words(&self) -> String {
         format!(
-            "{} samples or more behind each value, {:.0} for each number (at least {} and {})",
+            "at least {} samples per value and {:.0} per number (minimum {} and {})",
             self.samples, self.ratio, self.least_samples, self.least_ratio
         )
     }
@@ -84,7 +84,7 @@ pub fn judge(
         let names: Vec<&str> = ["n", "metric", "value"].into_iter().filter(|name| has(name)).collect();
         let batch = store.get(key, &names)?;
         let samples = batch.column_by_name("n").and_then(|a| a.as_primitive_opt::<Int64Type>());
-        let Some(samples) = samples else { return Ok(Err("its column `n` holds no whole numbers".to_owned())) };
+        let Some(samples) = samples else { return Ok(Err("its column `n` does not contain whole numbers".to_owned())) };
         let metric = batch.column_by_name("metric").and_then(|a| a.as_string_opt::<i32>());
         let value = batch.column_by_name("value");
         let rows: Vec<usize> = (0..batch.num_rows()).filter(|i| value.is_none_or(|v| v.is_valid(*i))).collect();
@@ -138,7 +138,7 @@ fn chosen(graph: &Graph, t: usize, reached: &HashSet<Column>) -> Option<String> 
         for point in node.parameter_points(POINTS) {
             let Ok(stage) = plan.instance(i, point).stage() else { continue };
             if own && stage.memorises() {
-                return Some(format!("a model of the stage `{}` that can hold single samples", node.entry.name));
+                return Some(format!("a model of the stage `{}` can contain single samples", node.entry.name));
             }
             let made = |column: Option<&str>| {
                 column.is_none_or(|c| own || reached.contains(&(node.name.clone(), c.to_owned())))
@@ -187,13 +187,13 @@ pub fn together(all: &[(&str, &Aggregate)]) -> Result<(), String> {
     for found in counts.values() {
         let sorted: Vec<i64> = found.iter().copied().collect();
         if let Some([a, b]) = sorted.array_windows::<2>().find(|[a, b]| b - a < least) {
-            let what = format!("{}: values from {a} and from {b} samples differ by fewer than {least}", names());
-            return Err(format!("{what} (`least_samples`), so that single samples follow from them"));
+            let what = format!("{}: values of {a} and of {b} samples differ by fewer than {least} samples", names());
+            return Err(format!("{what} (`least_samples`), so single samples can be derived from them"));
         }
     }
     let more = |(_, (sum, most)): &(_, &(usize, i64))| i64::try_from(*sum).is_ok_and(|sum| sum > *most);
     if let Some((place, (sum, most))) = numbers.iter().find(more) {
-        return Err(format!("{}: {sum} numbers of {most} samples of {place}: more than there are samples", names()));
+        return Err(format!("{}: {sum} numbers from {most} samples of {place} are more numbers than samples", names()));
     }
     Ok(())
 }

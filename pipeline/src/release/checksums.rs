@@ -53,20 +53,20 @@ pub fn read(text: &str) -> Result<BTreeMap<String, String>, String> {
     let mut sums = BTreeMap::new();
     for (number, line) in text.lines().enumerate() {
         let wrong = |what: &str| format!("line {}: {what}", number + 1);
-        let (sum, path) = line.split_once("  ").ok_or_else(|| wrong("it is not a sum and a path"))?;
+        let (sum, path) = line.split_once("  ").ok_or_else(|| wrong("a line does not have a checksum and a path"))?;
         let hex = |b: u8| b.is_ascii_digit() || (b'a'..=b'f').contains(&b);
         if sum.len() != 64 || !sum.bytes().all(hex) {
-            return Err(wrong("the sum is not 64 hexadecimal digits"));
+            return Err(wrong("a checksum is not 64 hexadecimal digits"));
         }
         if !is_inside(path) {
-            return Err(wrong("the path leads out of the folder"));
+            return Err(wrong("a path leads outside the folder"));
         }
         if sums.insert(path.to_owned(), sum.to_owned()).is_some() {
-            return Err(wrong("the path is listed twice"));
+            return Err(wrong("a path is listed twice"));
         }
     }
     if text.is_empty() || !text.ends_with('\n') {
-        return Err("it is cut short".to_owned());
+        return Err("it is truncated".to_owned());
     }
     Ok(sums)
 }

@@ -10,9 +10,11 @@ use super::{
 /// The file `DICTIONARY.md`.
 pub fn write(set: &Set) -> String {
     let mut text = format!("# Data dictionary of {}\n", cell(&set.dictionary.about.title));
-    text += "\nThe same for programs is `dictionary.json`. Roles: `key` names a flight, a line or a point of the sweep; `time` is \
-             the time of a sample; `truth` is what a flight in earnest would not have; `sensor` is measured; `aux` is anything \
-             beside; `derived` is computed.\n";
+    text += "\n`dictionary.json` is the machine-readable form. Roles: `key` identifies a flight, a line or a point of \
+             the \
+             sweep; `time` is the time of a sample; `truth` is not available in operation; `sensor` is measured; \
+             `aux` is \
+             auxiliary; `derived` is computed.\n";
     for table in &set.dictionary.tables {
         text += &section(table);
     }
@@ -29,7 +31,7 @@ fn section(table: &Table) -> String {
         let _ = writeln!(text, "\n{}", table.description.trim());
     }
     if !table.sorted_by.is_empty() {
-        let _ = writeln!(text, "\nThe rows of each file ascend by {}.", table.sorted_by.join(", "));
+        let _ = writeln!(text, "\nThe rows of each file are sorted by {}.", table.sorted_by.join(", "));
     }
     text += "\n| column | type | unit | role | meaning | least | greatest | missing | made from |\n\
              |:--|:--|:--|:--|:--|--:|--:|--:|:--|\n";
@@ -38,12 +40,13 @@ fn section(table: &Table) -> String {
         let of = key.strip_suffix("_id").unwrap_or(key);
         let _ = writeln!(
             text,
-            "| `{key}` | text | | key | the name of the file's folder, `{of}-` and the identifier: a column for readers of hive \
-             partitions alone | | | 0 | |"
+            "| `{key}` | text | | key | the name of the file's folder, `{of}-` and the identifier; only readers of \
+             hive \
+             partitions have this column | | | 0 | |"
         );
     }
     for column in table.columns.iter().filter(|c| !c.terms.is_empty()) {
-        let _ = writeln!(text, "\nThe entries of `{}`: {}.", column.name, column.terms.join(", "));
+        let _ = writeln!(text, "\nEntries of `{}`: {}.", column.name, column.terms.join(", "));
     }
     text
 }

@@ -44,10 +44,15 @@ fn look(path: &Path) -> Result<There, Fault> {
     let text = |name: &str| fs::read_to_string(path.join(name)).unwrap_or_default();
     let is_set = serde_json::from_str::<serde_json::Value>(&text(DICTIONARY)).is_ok_and(|d| d["format"] == FORMAT);
     match checksums::read(&text(checksums::NAME)).ok().filter(|_| is_set) {
-        None => Ok(There::Other("is a folder, but not a published data set".to_owned())),
+        None => Ok(There::Other("is a folder, but not a published set".to_owned())),
         Some(sums) => {
             let foreign = files.iter().find(|f| *f != checksums::NAME && !sums.contains_key(*f));
-            Ok(foreign.map_or(There::Set, |f| There::Other(format!("holds {f}, which is not of the data set"))))
+            Ok(foreign.map_or(There::Set, |f| {
+                There::Other(format!(
+                    "contains {f}, which does not belong to the \
+                published set"
+                ))
+            }))
         }
     }
 }
@@ -88,7 +93,7 @@ impl Draft {
         // Whether a set that is there is the same is known when this one is whole.
         allowed(to, true)?;
         let name = to.file_name().filter(|n| !n.is_empty());
-        let name = name.ok_or_else(|| Fault::new(format!("{} is not the name of a folder", to.display())))?;
+        let name = name.ok_or_else(|| Fault::new(format!("{} is not a valid name of a folder", to.display())))?;
         let above = to.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
         fs::create_dir_all(above).map_err(|e| cannot("make", above, &e))?;
         let path = above.join(format!(".{}.{}.new", name.to_string_lossy(), std::process::id()));
@@ -156,12 +161,12 @@ fn allowed(to: &Path, replace: bool) -> Result<(), Fault> {
         There::Nothing => Ok(()),
         There::Set if replace => Ok(()),
         There::Set => {
-            let fault = Fault::new(format!("{} is another published data set", to.display()));
-            Err(fault.help("name another folder, or replace it with `--replace`"))
+            let fault = Fault::new(format!("{} is another published set", to.display()));
+            Err(fault.help("give another folder, or replace it with `--replace`"))
         }
         There::Other(what) => {
             let fault = Fault::new(format!("{} {what}", to.display()));
-            Err(fault.help("name a new or empty folder; only a published data set can be replaced"))
+            Err(fault.help("give a new or empty folder; `--replace` replaces only a published set"))
         }
     }
 }

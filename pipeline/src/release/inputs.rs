@@ -107,7 +107,7 @@ pub fn gather(graph: &Graph, root: &Path, include: bool, include_restricted: boo
     let files = all(graph)?;
     let place = if include { Place::of(spec, &files, include_restricted)? } else { Place::default() };
     let name = Path::new(&spec.file).file_name().and_then(|n| n.to_str());
-    let name = name.ok_or_else(|| Fault::new(format!("the spec {} has no name that can be written", spec.file)))?;
+    let name = name.ok_or_else(|| Fault::new(format!("the name of the spec {} is not valid UTF-8", spec.file)))?;
     let path = place.at(&[name.to_owned()]).ok_or_else(|| Fault::bug("a spec outside of the set"))?;
     write(&root.join(&path), spec.text.as_bytes())?;
     let mut listed = vec![];
@@ -135,7 +135,7 @@ pub fn gather(graph: &Graph, root: &Path, include: bool, include_restricted: boo
         let hash = Key::finish(&hasher);
         let known = graph.bytes.iter().flatten().find(|b| b.path == file.path);
         if known.is_some_and(|known| known.hash != hash) {
-            let what = format!("{} has changed since it was read", file.path.display());
+            let what = format!("{} has changed since magline read it", file.path.display());
             return Err(Fault::machine(what).help(format!("run `magline run {}` again", spec.file)));
         }
         let Read { table, .. } = file;
@@ -158,16 +158,19 @@ struct Place {
 
 impl Place {
     fn of(spec: &Spec, files: &[Read], include_restricted: bool) -> Result<Place, Fault> {
-        const HELP: &str = "or leave out `include_inputs`: the data set then names the inputs by their hashes";
+        const HELP: &str = "or remove `include_inputs`; the published set then lists the inputs with their hashes";
         let mut up = 0;
         for file in files {
             let Some(parts) = &file.relative else {
-                let what = format!("`include_inputs`: {} is given by an absolute path", file.path.display());
-                return Err(Fault::new(what).help(format!("give it from the spec's folder, {HELP}")));
+                let what = format!("`include_inputs`: {} has an absolute path", file.path.display());
+                return Err(Fault::new(what).help(format!("use a path relative to the spec's folder, {HELP}")));
             };
             if is_restricted(spec, &file.table) && !include_restricted {
                 let what = format!("`include_inputs`: the table `{}` is restricted", file.table);
-                return Err(Fault::new(what).help(format!("say `--include-restricted` if you may, {HELP}")));
+                return Err(Fault::new(what).help(format!(
+                    "use `--include-restricted` if you have the right to publish \
+                                                          it, {HELP}"
+                )));
             }
             up = up.max(parts.iter().take_while(|p| *p == "..").count());
         }
@@ -180,7 +183,11 @@ impl Place {
             .collect();
         match names.len().checked_sub(up) {
             Some(from) => Ok(Place { folders: names.into_iter().skip(from).collect() }),
-            None => Err(Fault::new("`include_inputs`: an input lies above the root of the file system").help(HELP)),
+            None => Err(Fault::new(
+                "`include_inputs`: the path of an input leads above the root of the file \
+                                    system",
+            )
+            .help(HELP)),
         }
     }
 

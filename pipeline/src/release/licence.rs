@@ -78,9 +78,9 @@ pub fn of(facts: &PublishFacts) -> Result<Licence, Fault> {
         (None, Some(url)) => Ok(Licence { title: name.clone(), name, url: url.clone(), spdx: false, text }),
         (None, None) => {
             let known: Vec<&str> = KNOWN.iter().map(|(id, ..)| *id).collect();
-            let fault = Fault::new(format!("the licence `{name}` is not known")).nearest(&name, &known);
+            let fault = Fault::new(format!("the licence `{name}` is unknown")).nearest(&name, &known);
             let help = fault.help.clone().unwrap_or_default();
-            Err(fault.help(format!("{help}; for another licence add `licence_url`")))
+            Err(fault.help(format!("{help}; for another licence, add `licence_url`")))
         }
     }
 }
@@ -95,7 +95,7 @@ const LONGEST: u64 = 1 << 20;
 /// Fails for a path that leads out of the folder, and for a file that is missing, too large, or no text.
 pub fn text(file: &str, folder: &Path) -> Result<String, Fault> {
     let wrong = |why: &str| Fault::new(format!("`licence_file`: {file}: {why}"));
-    let help = "copy the licence into the spec's folder, and name it there";
+    let help = "copy the licence to the spec's folder, and give its path in that folder";
     let path = if file.contains("://") {
         sources::file(file, folder)?
     } else {

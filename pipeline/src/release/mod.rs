@@ -104,7 +104,7 @@ enum Chosen {
 /// # Errors
 /// Where the spec has no `[publish]`, or something in it is wrong.
 pub fn facts(spec: &Spec) -> Result<&PublishFacts, Faults> {
-    let none = || Fault::new(format!("{} does not say what the data set is", spec.file)).help(EXAMPLE);
+    let none = || Fault::new(format!("{} has no `[publish]`", spec.file)).help(EXAMPLE);
     match &spec.publish {
         Some(Ok(facts)) => Ok(facts),
         Some(Err(faults)) => Err(spec.faults(faults.clone())),
@@ -237,8 +237,11 @@ fn chosen(plan: &Plan, names: &[String]) -> Result<Vec<Chosen>, Fault> {
         let stage = plan.tables.iter().position(|t| t.name == *name);
         if let Some(t) = stage {
             if plan.decl(t).is_some_and(|d| !d.publish) {
-                let fault = Fault::new(format!("the table `{name}` is not written out: it says `publish = false`"));
-                return Err(fault.help("remove that, and run the spec again"));
+                let fault = Fault::new(format!(
+                    "the table `{name}` is not published, because it has `publish = \
+                                                false`"
+                ));
+                return Err(fault.help("remove `publish = false`, and run the spec again"));
             }
             found.push(Chosen::Stage(t));
         } else if let Some(i) = plan.flights.iter().position(|f| f.name == *name) {
@@ -255,7 +258,7 @@ fn chosen(plan: &Plan, names: &[String]) -> Result<Vec<Chosen>, Fault> {
         }
     }
     if found.is_empty() {
-        return Err(Fault::new("no table to publish is named").help("name one or several tables of the spec"));
+        return Err(Fault::new("no table to publish was given").help("give one or several tables of the spec"));
     }
     Ok(found)
 }
@@ -292,8 +295,7 @@ fn computed(graph: &Graph, store: &Store) -> Result<Version, Fault> {
     let run = || format!("run it first: `magline run {}{sets}`", spec.file);
     let version = current(store.root(), &spec.name).filter(|_| report::is_current(graph, store));
     version.ok_or_else(|| {
-        Fault::new(format!("the results of {} are not there, or are of other data or another spec", spec.file))
-            .help(run())
+        Fault::new(format!("the store has no results of {}, or they are outdated", spec.file)).help(run())
     })
 }
 

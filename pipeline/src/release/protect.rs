@@ -24,8 +24,9 @@ use crate::{
 const IDENTIFIERS: [&str; 2] = ["flight", "line"];
 
 /// The remedy where restricted data would be published.
-const HELP: &str = "publish tables that are not made from them row by row, such as scores and models; or say \
-    `--include-restricted` if you may, and the data set will say so";
+const HELP: &str = "publish tables that are not made from restricted columns row by row, such as scores and models; \
+                    or use \
+    `--include-restricted` if you have the right to publish them, and the published set will state the restrictions";
 
 /// A column of a table.
 pub type Column = (String, String);
@@ -166,7 +167,7 @@ pub fn find(lineage: &Lineage, tables: &[(String, Vec<String>)]) -> Vec<Held> {
                     table: table.clone(),
                     column: column.clone(),
                     through: chain.iter().map(|(t, c)| format!("{t}.{c}")).collect(),
-                    rule: why.map(|(table, why)| format!("`{table}` is no aggregate: {why}")),
+                    rule: why.map(|(table, why)| format!("`{table}` is not an aggregate: {why}")),
                     reason: protection.reason.clone(),
                     embargo: protection.embargo.clone(),
                 });
@@ -183,14 +184,14 @@ pub fn find(lineage: &Lineage, tables: &[(String, Vec<String>)]) -> Vec<Held> {
 pub fn together(lineage: &Lineage, tables: &[(String, Vec<String>)]) -> Result<(), Fault> {
     let all = tables.iter().filter_map(|(t, _)| Some((t.as_str(), lineage.aggregates.get(t)?.as_ref().ok()?)));
     aggregate::together(&all.collect::<Vec<_>>())
-        .map_err(|what| Fault::new(format!("restricted data would be published\n  {what}")).help(HELP))
+        .map_err(|what| Fault::new(format!("this would publish restricted data\n  {what}")).help(HELP))
 }
 
 /// The rule by which each of `tables` can be published.
 pub fn rules(lineage: &Lineage, tables: &[(String, Vec<String>)], held: &[Held]) -> Vec<(String, String)> {
     let rule = |(table, columns): &(String, Vec<String>)| {
         if held.iter().any(|h| h.table == *table) {
-            return (table.clone(), "restricted, published by `--include-restricted`".to_owned());
+            return (table.clone(), "restricted, published with `--include-restricted`".to_owned());
         }
         let mut seen: HashSet<Column> = HashSet::new();
         let mut waiting: Vec<Column> = columns.iter().map(|c| (table.clone(), c.clone())).collect();
@@ -238,7 +239,7 @@ pub fn chain(held: &Held) -> String {
 /// The fault of publishing what is restricted.
 pub fn refused(held: &[Held]) -> Fault {
     const SHOWN: usize = 10;
-    let mut what = "restricted data would be published".to_owned();
+    let mut what = "this would publish restricted data".to_owned();
     for one in held.iter().take(SHOWN) {
         what += &format!("\n  {}\n    {}", chain(one), why(one));
         what += &one.rule.as_ref().map(|rule| format!("\n    {rule}")).unwrap_or_default();

@@ -33,7 +33,9 @@ fn restricted(set: &Set) -> String {
     if set.dictionary.restricted.is_empty() {
         return String::new();
     }
-    let mut text = "\n## Restricted data\n\nThis data set holds columns that are restricted; whoever passes it on needs the right to.\n\n".to_owned();
+    let mut text = "\n## Restricted data\n\nThis data set contains restricted columns. Redistribution requires the \
+                    permission of their owners.\n\n"
+        .to_owned();
     for held in &set.dictionary.restricted {
         let _ = writeln!(text, "- `{}.{}`: {} ({})", held.table, held.column, protect::why(held), protect::chain(held));
     }
@@ -58,7 +60,7 @@ fn tables(set: &Set) -> String {
     }
     if !set.dictionary.failures.is_empty() {
         const SHOWN: usize = 20;
-        text += "\nNot computed, and so not in the tables:\n\n";
+        text += "\nThe tables lack these results, which could not be computed:\n\n";
         for f in set.dictionary.failures.iter().take(SHOWN) {
             let line =
                 f.line.as_ref().map(|l| format!(", flight {}, line {l}", f.flight.as_deref().unwrap_or_default()));
@@ -66,15 +68,16 @@ fn tables(set: &Set) -> String {
                 writeln!(text, "- `{}`{} ({})", f.table, cell(&line.unwrap_or_default()), counted(f.points, "point"));
         }
         if set.dictionary.failures.len() > SHOWN {
-            let _ = writeln!(text, "- and {} more: `dictionary.json`", set.dictionary.failures.len() - SHOWN);
+            let _ = writeln!(text, "- and {} more, listed in `dictionary.json`", set.dictionary.failures.len() - SHOWN);
         }
     }
     text
 }
 
 fn reading(set: &Set) -> String {
-    let mut text = "\n## Reading it\n\nThe tables are Parquet, compressed by zstd, with units, roles and meanings in the metadata of their \
-                    fields. Any reader takes a table's folder:\n\n```python\n"
+    let mut text = "\n## Reading\n\nThe tables are Parquet files with zstd compression. The metadata of their fields \
+                    have units, \
+                    roles and meanings. Any Parquet reader accepts the folder of a table:\n\n```python\n"
         .to_owned();
     let glob = |t: &Table| if t.partitions.is_empty() { "*.parquet" } else { "*/*/*.parquet" };
     if let Some(t) = set.dictionary.tables.first() {
@@ -85,8 +88,11 @@ fn reading(set: &Set) -> String {
     }
     text += "```\n";
     if set.dictionary.tables.iter().any(|t| !t.partitions.is_empty()) {
-        text += "\nA table of flight lines has a file for each line, in folders by flight and line. Readers of hive partitions add the \
-                 columns `flight_id` and `line_id` from the names of the folders; `flight` and `line` are text, and in the files.\n";
+        text += "\nA table of flight lines has one file per line, in folders by flight and line. Readers of hive \
+                 partitions add \
+                 the columns `flight_id` and `line_id` from the names of the folders. The text columns `flight` and \
+                 `line` are \
+                 in the files.\n";
     }
     text
 }
@@ -97,7 +103,7 @@ fn datasheet(set: &Set) -> String {
     let mut part = |title: &str, body: &str| {
         let _ = write!(text, "\n### {title}\n\n{}\n", body.trim());
     };
-    let unsaid = "The authors say nothing of it.";
+    let unsaid = "Not provided by the authors.";
     part("Motivation", about.motivation.as_deref().unwrap_or(unsaid));
     let mut composition = String::new();
     for t in &set.dictionary.tables {
@@ -152,12 +158,15 @@ fn again(set: &Set) -> String {
     let tables: Vec<&str> = set.dictionary.tables.iter().map(|t| t.name.as_str()).collect();
     let told = if set.dictionary.restricted.is_empty() { "" } else { " --include-restricted" };
     let mut text = format!(
-        "\n## Checking it and computing it again\n\n```sh\nsha256sum -c {}                # or, with all documents and every column:\nmagline verify .\n```\n\n",
+        "\n## Verification and recomputation\n\n```sh\nsha256sum -c {}                # or, including all documents \
+         and every column:\nmagline verify .\n```\n\n",
         checksums::NAME
     );
     let _ = writeln!(
         text,
-        "It was made by magline {} from `{}` (seed {}, run {}). The inputs, with their SHA-256; paths are from the folder of the spec:\n",
+        "magline {} made this data set from `{}` (seed {}, run {}). The inputs and their SHA-256; paths are relative \
+         to the \
+         folder of the spec:\n",
         lock.magline, lock.spec, lock.seed, lock.run
     );
     text += "| table | file | bytes | SHA-256 | included |\n|:--|:--|--:|:--|:--|\n";
@@ -174,7 +183,8 @@ fn again(set: &Set) -> String {
     }
     let _ = writeln!(
         text,
-        "\nWith the inputs in place, these commands give the same bytes:\n\n```sh\nmagline run '{0}' --set store=/tmp/store{sets}\nmagline publish '{0}' {1} --to /tmp/again --set store=/tmp/store{sets}{told}\n```",
+        "\nWith these inputs, the following commands give the same bytes:\n\n```sh\nmagline run '{0}' --set \
+         store=/tmp/store{sets}\nmagline publish '{0}' {1} --to /tmp/again --set store=/tmp/store{sets}{told}\n```",
         lock.spec,
         tables.join(" ")
     );

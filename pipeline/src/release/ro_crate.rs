@@ -12,7 +12,7 @@ use super::{
 
 /// The documents that the crate lists, with what they are and their types.
 const DOCUMENTS: [(&str, &str, &str); 7] = [
-    ("README.md", "what the data set is, and how to use it", "text/markdown"),
+    ("README.md", "content and use of the data set", "text/markdown"),
     ("DICTIONARY.md", "every column with unit, role and meaning", "text/markdown"),
     (DICTIONARY, "the data dictionary for programs", "application/json"),
     ("CITATION.cff", "how to cite the data set", "application/yaml"),
@@ -42,7 +42,7 @@ pub fn write(set: &Set) -> Value {
         spec.clone(),
         json!({
             "@id": spec, "@type": ["File", "SoftwareSourceCode"], "name": lock.pipeline, "sha256": lock.spec_sha256,
-            "description": "the spec of the pipeline, which `magline run` computes the data from",
+            "description": "the spec of the pipeline, from which `magline run` computes the data",
             "encodingFormat": "application/toml", "programmingLanguage": { "@id": "#magline" },
         }),
     );
@@ -228,7 +228,7 @@ fn provenance(set: &Set) -> Vec<Value> {
     let mut found = vec![json!({
         "@id": "#magline", "@type": ["SoftwareApplication", "ComputerLanguage"], "name": "magline",
         "softwareVersion": lock.magline, "version": lock.magline,
-        "description": "declarative pipelines for airborne magnetic compensation and navigation",
+        "description": "batch pipeline for aeromagnetic compensation and magnetic navigation",
     })];
     let published = |name: &str| set.dictionary.tables.iter().find(|t| t.name == name);
     let object = |name: &String| -> Vec<String> {

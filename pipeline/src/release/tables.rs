@@ -106,7 +106,7 @@ struct Parts {
 
 fn unreadable(sealed: &Sealed, e: &dyn std::fmt::Display) -> Fault {
     Fault::machine(format!("cannot read {}: {e}", sealed.path().display()))
-        .help("run the spec again: damaged results are recomputed")
+        .help("run the spec again to recompute damaged results")
 }
 
 impl Parts {
@@ -307,7 +307,7 @@ pub fn of_pooled(graph: &Graph, version: &Version, root: &Path) -> Result<Table,
     let schema = parts.schema.clone();
     let mut files = Files::new(root, &schema, axes.clone());
     files.write(format!("data/{}/part-0.parquet", pooled::TABLE), None, pieces.iter().map(|p| parts.rows(p)))?;
-    let description = "Scores pooled over the lines of each point; lines in sample are pooled apart.".to_owned();
+    let description = "Scores pooled over the lines of each point. Lines in sample are pooled separately.".to_owned();
     Ok(Table { description, ..files.table(pooled::TABLE, "scores", &axes, false) })
 }
 

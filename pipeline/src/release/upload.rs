@@ -31,8 +31,8 @@ fn copied(folder: &Path, bucket: &Bucket, replace: bool) -> Result<bool, Fault> 
             return Ok(false);
         }
         if !replace {
-            let fault = Fault::new(format!("{address} is another published data set"));
-            return Err(fault.help("name another address, or replace it with `--replace`"));
+            let fault = Fault::new(format!("{address} is another published set"));
+            return Err(fault.help("give another address, or replace it with `--replace`"));
         }
         bucket.remove(checksums::NAME)?;
     }
@@ -53,17 +53,17 @@ fn set_at(bucket: &Bucket, there: &[String]) -> Result<BTreeMap<String, String>,
     let is_set = serde_json::from_str::<serde_json::Value>(&dictionary).is_ok_and(|d| d["format"] == FORMAT);
     let other = |what: String| {
         let fault = Fault::new(format!("{} {what}", bucket.address()));
-        fault.help("name a new or empty address; only a published data set can be replaced")
+        fault.help("give a new or empty address; `--replace` replaces only a published set")
     };
     let sums = text(checksums::NAME)?;
     if !is_set {
-        return Err(other("holds objects that are not a published data set".to_owned()));
+        return Err(other("contains objects that are not a published set".to_owned()));
     }
     // One that was being replaced has none; what is in its place is written again.
     let sums = checksums::read(&sums).unwrap_or_default();
     let foreign = there.iter().find(|name| *name != checksums::NAME && !sums.is_empty() && !sums.contains_key(*name));
     match foreign {
-        Some(name) => Err(other(format!("holds {name}, which is not of the data set"))),
+        Some(name) => Err(other(format!("contains {name}, which does not belong to the published set"))),
         None => Ok(sums),
     }
 }
@@ -102,12 +102,12 @@ mod tests {
         assert!(!copied(folder.path(), &bucket, false).unwrap());
         written(&[("data/b", "2")]);
         let fault = copied(folder.path(), &bucket, false).unwrap_err().to_string();
-        assert!(fault.contains("another published data set"), "{fault}");
+        assert!(fault.contains("another published set"), "{fault}");
         assert!(copied(folder.path(), &bucket, true).unwrap());
         assert_eq!(names(), ["SHA256SUMS", "data/b", DICTIONARY]);
         bucket.put("notes.txt", b"mine".to_vec()).unwrap();
         let fault = copied(folder.path(), &bucket, true).map(drop).unwrap_err().to_string();
-        assert!(fault.contains("holds notes.txt"), "{fault}");
+        assert!(fault.contains("contains notes.txt"), "{fault}");
         bucket.remove(DICTIONARY).unwrap();
         assert!(copied(folder.path(), &bucket, true).is_err());
         assert_eq!(bucket.get("notes.txt").unwrap().unwrap(), b"mine");

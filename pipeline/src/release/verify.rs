@@ -36,8 +36,8 @@ impl Verified {
 pub fn verify(root: &Path) -> Result<Verified, Fault> {
     let read = |name: &str| text(root, name);
     if !root.join(checksums::NAME).exists() && !root.join(DICTIONARY).exists() {
-        let fault = Fault::new(format!("{} is not a published data set", root.display()));
-        return Err(fault.help(format!("there is no file {} in it; a store is checked by `--store`", checksums::NAME)));
+        let fault = Fault::new(format!("{} is not a published set", root.display()));
+        return Err(fault.help(format!("it has no file {}; to verify a store, use `--store`", checksums::NAME)));
     }
     let mut found = Verified::default();
     let there = folder::files(root).map_err(|e| Fault::machine(format!("cannot read {}: {e}", root.display())))?;
@@ -55,7 +55,7 @@ pub fn verify(root: &Path) -> Result<Verified, Fault> {
     };
     for (name, format) in [(DICTIONARY, &dictionary.format), (LOCK, &lock.format)] {
         if format != FORMAT {
-            found.push(name, format!("its format is `{format}`, but this version reads `{FORMAT}`"));
+            found.push(name, format!("its format is `{format}`, but this version supports only `{FORMAT}`"));
             return Ok(found);
         }
     }
@@ -74,7 +74,7 @@ pub fn verify(root: &Path) -> Result<Verified, Fault> {
 }
 
 fn parsed<T: serde::de::DeserializeOwned>(text: &str) -> Result<T, String> {
-    serde_json::from_str(text).map_err(|e| format!("it cannot be read: {e}"))
+    serde_json::from_str(text).map_err(|e| format!("it is unreadable: {e}"))
 }
 
 /// The most bytes of a file whose size no document lists.
@@ -140,7 +140,7 @@ fn sums(root: &Path, there: &[String], sizes: &Sizes, found: &mut Verified) {
     found.files = sums.len();
     found.faults.extend(each.into_iter().flatten());
     for extra in there.iter().filter(|f| *f != checksums::NAME && !sums.contains_key(*f)) {
-        found.push(extra, "it is not part of the data set");
+        found.push(extra, "it is not part of the published set");
     }
 }
 
@@ -148,11 +148,11 @@ fn sums(root: &Path, there: &[String], sizes: &Sizes, found: &mut Verified) {
 fn inputs(set: &Set, root: &Path, sizes: &Sizes, found: &mut Verified) {
     let mut check = |path: &str, sha256: &str| {
         if !checksums::is_inside(path) {
-            found.push(LOCK, format!("the path `{path}` leads out of the folder"));
+            found.push(LOCK, format!("the path `{path}` leads outside the folder"));
         } else if let Ok(now) = sum(root, path, sizes)
             && now != sha256
         {
-            found.push(path, format!("it has another checksum in {LOCK}"));
+            found.push(path, format!("its checksum differs from {LOCK}"));
         }
     };
     check(&set.lock.spec, &set.lock.spec_sha256);
@@ -182,7 +182,7 @@ fn check(root: &Path, table: &Table) -> Checked {
         let read = if checksums::is_inside(&file.path) {
             check_file(root, table, file, &mut checked.values)
         } else {
-            Err("its path leads out of the folder".to_owned())
+            Err("its path leads outside the folder".to_owned())
         };
         match read {
             Ok(rows) => checked.rows += rows,
@@ -202,7 +202,7 @@ fn check_file(root: &Path, table: &Table, file: &DataFile, values: &mut [Values]
     let same =
         size.len() == file.bytes && checksums::of_file(&path, |_| {}).map_err(|e| e.to_string())?.1 == file.sha256;
     if !same {
-        return Err(format!("its size or checksum is another one in {DICTIONARY}"));
+        return Err(format!("its size or checksum differs from {DICTIONARY}"));
     }
     let mut rows = 0;
     let schema = parquet::read(&path, |batch| {
@@ -212,7 +212,7 @@ fn check_file(root: &Path, table: &Table, file: &DataFile, values: &mut [Values]
             let (Some(wanted), Some(array)) = (wanted, batch.column_by_name(name)) else { continue };
             let texts = array.as_string_opt::<i32>().ok_or_else(|| format!("`{name}` is not text"))?;
             if texts.iter().any(|x| x != Some(wanted.as_str())) {
-                return Err(format!("it holds rows of another {name} than `{wanted}`"));
+                return Err(format!("it contains rows of another {name} than `{wanted}`"));
             }
         }
         Ok(())
@@ -228,7 +228,7 @@ fn check_file(root: &Path, table: &Table, file: &DataFile, values: &mut [Values]
         own.iter().zip(told).find(|(own, told)| bare(own) != bare(told) || own.terms != told.terms)
     {
         let shown = |c: &super::set::Column| format!("`{}`, {} [{}], role {}", c.name, c.kind, c.unit, c.role);
-        return Err(format!("it has the column {}; {DICTIONARY} has {}", shown(own), shown(told)));
+        return Err(format!("it has the column {}, but {DICTIONARY} has {}", shown(own), shown(told)));
     }
     if rows != file.rows {
         return Err(format!("it has {rows} rows, but {} in {DICTIONARY}", file.rows));
@@ -241,7 +241,7 @@ fn agree(set: &Set, root: &Path, found: &mut Verified) -> Result<(), Fault> {
     for (path, wanted) in documents::all(set)? {
         // The names of tables are parts of paths.
         if !checksums::is_inside(&path) {
-            found.push(DICTIONARY, format!("the path `{path}` leads out of the folder"));
+            found.push(DICTIONARY, format!("the path `{path}` leads outside the folder"));
             continue;
         }
         let Ok(text) = text(root, &path) else {
@@ -258,12 +258,7 @@ fn agree(set: &Set, root: &Path, found: &mut Verified) -> Result<(), Fault> {
         let cut = |text: &str| text.lines().nth(at).unwrap_or("the end").trim().chars().take(100).collect::<String>();
         found.push(
             &path,
-            format!(
-                "it does not agree with the data: line {} is `{}`, and would be `{}`",
-                at + 1,
-                cut(&text),
-                cut(&wanted)
-            ),
+            format!("it contradicts the data: line {} is `{}`, but must be `{}`", at + 1, cut(&text), cut(&wanted)),
         );
     }
     Ok(())

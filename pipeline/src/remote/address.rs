@@ -65,27 +65,26 @@ pub fn place(text: &str) -> Result<Place, Fault> {
         if rest.starts_with('/') {
             return Ok(Place::Path(rest.into()));
         }
-        return Err(Fault::new("`file://` needs an absolute path, such as `file:///data/flights`"));
+        return Err(Fault::new("`file://` requires an absolute path, such as `file:///data/flights`"));
     }
     let Some(scheme) = Scheme::ALL.into_iter().find(|s| s.as_str() == scheme) else {
         // The rest may hold a password, and is not shown.
-        let fault = Fault::new(format!("addresses of the kind `{}://` are not known", shown(scheme)));
-        return Err(fault.help("known are s3://, gs://, az:// and file://"));
+        let fault = Fault::new(format!("addresses that begin with `{}://` are not supported", shown(scheme)));
+        return Err(fault.help("use s3://, gs://, az:// or file://"));
     };
     let (bucket, key) = rest.split_once('/').unwrap_or((rest, ""));
     let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '.' | '-' | '_');
     if bucket.is_empty() || !bucket.chars().all(plain) {
-        let fault = Fault::new(format!("an address of {}:// without the name of a bucket", scheme.as_str()));
-        return Err(fault.help(format!(
-            "write {}://BUCKET/NAME; a key or password does not belong there, but into the environment",
-            scheme.as_str()
-        )));
+        let fault = Fault::new(format!("the address {}:// has no name of a bucket", scheme.as_str()));
+        return Err(
+            fault.help(format!("write {}://BUCKET/NAME; put a key or password into the environment", scheme.as_str()))
+        );
     }
     let key = key.trim_matches('/');
     if key.chars().any(char::is_control) || key.split('/').any(|part| matches!(part, "." | "..")) || key.contains("//")
     {
-        return Err(Fault::new(format!("the address of the bucket `{bucket}` has a name that objects cannot have"))
-            .help("leave out `.`, `..`, `//` and control characters"));
+        return Err(Fault::new(format!("the address in the bucket `{bucket}` is not a valid name of an object"))
+            .help("remove `.`, `..`, `//` and control characters"));
     }
     Ok(Place::Object(Address { scheme, bucket: bucket.to_owned(), key: key.to_owned() }))
 }

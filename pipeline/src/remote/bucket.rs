@@ -72,7 +72,7 @@ fn wait<T: Send + 'static>(work: impl Future<Output = T> + Send + 'static) -> Re
         // The receiver below lives until it has the answer.
         let _ = send.send(work.await);
     });
-    receive.recv().map_err(|_| Fault::bug("a request to an object store ended without an answer"))
+    receive.recv().map_err(|_| Fault::bug("a request to an object store ended without a response"))
 }
 
 /// Calls `work` on every item, several at a time. The answers are in the order of the items; the first fault ends the work.
@@ -171,7 +171,7 @@ impl Bucket {
 
     fn name(&self, key: &str) -> Result<Name, Fault> {
         let whole = self.address.below(key);
-        Name::parse(&whole.key).map_err(|e| Fault::new(format!("{whole} cannot be the name of an object: {e}")))
+        Name::parse(&whole.key).map_err(|e| Fault::new(format!("{whole} is not a valid name of an object: {e}")))
     }
 
     fn fault(&self, doing: &str, key: &str, error: &Error) -> Fault {
@@ -180,25 +180,27 @@ impl Bucket {
         if is_missing_bucket(error) {
             let Address { scheme, bucket, .. } = &self.address;
             return Fault::machine(format!("there is no bucket {}://{bucket}", scheme.as_str()))
-                .help("make it with the tools of its provider, or name another");
+                .help("create it with the tools of its provider, or use another bucket");
         }
         match error {
             Error::Precondition { .. } => {
-                Fault::machine(format!("cannot {doing} {address}: it was replaced meanwhile")).help("run again")
+                Fault::machine(format!("cannot {doing} {address}: another process replaced it")).help("run again")
             }
             _ if text.contains("169.254.169.254") || text.contains("metadata.google") => {
-                Fault::machine(format!("cannot {doing} {address}: no credentials are found"))
-                    .help("set them in the environment or a profile: see pipeline/OBJECTS.md")
+                Fault::machine(format!("cannot {doing} {address}: there are no credentials"))
+                    .help("set credentials in the environment or a profile, see pipeline/OBJECTS.md")
             }
             _ if is_forbidden(error, &text) => Fault::machine(what)
-                .help("the credentials of the environment or the profile do not permit it: see pipeline/OBJECTS.md"),
-            Error::NotImplemented { .. } | Error::NotSupported { .. } => {
-                Fault::machine(what).help("the server does not do what a store needs, such as conditional writes")
+                .help("the credentials of the environment or the profile do not permit it, see pipeline/OBJECTS.md"),
+            Error::NotImplemented { .. } | Error::NotSupported { .. } => Fault::machine(what).help(
+                "the server lacks an operation that a store requires, such as conditional \
+                                           writes",
+            ),
+            _ if text.contains("status code: 30") => {
+                Fault::machine(what).help("the server redirects to another server; set that server as the endpoint")
             }
-            _ if text.contains("status code: 30") => Fault::machine(what)
-                .help("the server names another one, which is not sent the credentials: name it as the endpoint"),
             _ if text.contains("error sending request") => {
-                Fault::machine(what).help("nobody answers there, or not in time: see the network and the endpoint")
+                Fault::machine(what).help("the server did not respond in time; check the network and the endpoint")
             }
             _ => Fault::machine(what),
         }
@@ -230,8 +232,8 @@ impl Bucket {
     }
 
     fn cut(&self, key: &str) -> Fault {
-        let what = format!("cannot read {}: its answer is cut short, {TRIALS} times", self.address.below(key));
-        Fault::machine(what).help("run again; a proxy on the way may be at fault")
+        let what = format!("cannot read {}: the response was truncated {TRIALS} times", self.address.below(key));
+        Fault::machine(what).help("run again; if the error persists, check proxies in the network")
     }
 
     /// An object; `None` where there is none.

@@ -29,7 +29,7 @@ fn folder() -> Result<PathBuf, Fault> {
     let found = own
         .or_else(shared)
         .or_else(home)
-        .ok_or_else(|| Fault::machine("there is no folder for copies of objects").help("name one as MAGLINE_CACHE"))?;
+        .ok_or_else(|| Fault::machine("there is no cache folder for objects").help("set MAGLINE_CACHE to a folder"))?;
     std::path::absolute(&found).map_err(|e| Fault::machine(format!("cannot use the folder {}: {e}", found.display())))
 }
 

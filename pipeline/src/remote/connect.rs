@@ -15,8 +15,8 @@ pub fn supported() -> Result<(), Fault> {
     if cfg!(feature = "object-stores") {
         return Ok(());
     }
-    let fault = Fault::new("this magline is built without object stores (s3://, gs://, az://)");
-    Err(fault.help("build it with `cargo build --features object-stores`, or name a folder"))
+    let fault = Fault::new("this magline was built without the feature `object-stores` (s3://, gs://, az://)");
+    Err(fault.help("build it with `cargo build --features object-stores`, or use a folder"))
 }
 
 /// The endpoint of a kind of store, or for Azure its account, as the environment names it; empty for the provider's own endpoint.
@@ -87,7 +87,7 @@ fn open(address: &Address) -> Result<Bucket, Fault> {
     let wrong = |e: object_store::Error| {
         let text = super::redacted(&e.to_string());
         Fault::machine(format!("cannot use {}://{bucket}: {text}", address.scheme.as_str()))
-            .help("the environment says where and with which credentials: see pipeline/OBJECTS.md")
+            .help("set endpoint and credentials in the environment as described in pipeline/OBJECTS.md")
     };
     let objects: Arc<dyn ObjectStore> = match address.scheme {
         Scheme::S3 => {
@@ -146,9 +146,9 @@ fn allowed(endpoint: &str) -> Result<(), Fault> {
     match url::Url::parse(endpoint).ok().filter(|url| url.has_host()).as_ref().map(url::Url::scheme) {
         Some("https") => Ok(()),
         Some("http") if plain => Ok(()),
-        Some("http") => Err(Fault::machine("the endpoint of S3 is an address without TLS")
-            .help("allow it with AWS_ALLOW_HTTP=true, or name one with https://")),
-        Some(_) | None => Err(Fault::machine("the endpoint of S3 is not an address (AWS_ENDPOINT_URL)")
+        Some("http") => Err(Fault::machine("the endpoint of S3 does not use TLS")
+            .help("permit it with AWS_ALLOW_HTTP=true, or use an https:// endpoint")),
+        Some(_) | None => Err(Fault::machine("the endpoint of S3 is not a valid address (AWS_ENDPOINT_URL)")
             .help("write it as https://HOST or http://HOST:PORT")),
     }
 }
@@ -158,8 +158,10 @@ fn allowed(endpoint: &str) -> Result<(), Fault> {
 fn no_password(endpoint: &str) -> Result<(), Fault> {
     match url::Url::parse(endpoint) {
         Ok(url) if !url.username().is_empty() || url.password().is_some() || url.query().is_some() => {
-            Err(Fault::machine("the endpoint of the object store has a user, a password or a query in it")
-                .help("write it as https://HOST or http://HOST:PORT; credentials have variables of their own: see pipeline/OBJECTS.md"))
+            Err(Fault::machine("the endpoint of the object store contains a user, a password or a query").help(
+                "write it as https://HOST or http://HOST:PORT; set credentials as described in \
+                       pipeline/OBJECTS.md",
+            ))
         }
         _ => Ok(()),
     }

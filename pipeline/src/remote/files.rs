@@ -62,7 +62,7 @@ impl Copies {
         let relative = Path::new(key);
         let plain = relative.components().all(|c| matches!(c, Component::Normal(_)));
         if !plain || key.is_empty() || key.contains('\\') {
-            return Err(Fault::new(format!("{} cannot be the name of a file", self.bucket.address().below(key))));
+            return Err(Fault::new(format!("{} is not a valid name of a file", self.bucket.address().below(key))));
         }
         Ok(self.folder.join(relative))
     }
@@ -91,7 +91,7 @@ impl Copies {
             if there {
                 return Ok(());
             }
-            let what = format!("{} was removed while it was read", self.bucket.address().below(&about.key));
+            let what = format!("{} was removed during reading", self.bucket.address().below(&about.key));
             Err(Fault::machine(what).help("run again"))
         });
         // The note is removed before the copy is replaced, so that it never names the version of another copy.
@@ -274,7 +274,7 @@ mod tests {
         copies.bucket.put("f/a.csv", b"four".to_vec()).unwrap();
         let before = listed();
         copies.bucket.put("f/a.csv", b"three".to_vec()).unwrap();
-        assert!(copies.bring(&before[0]).unwrap_err().to_string().contains("cut short"));
+        assert!(copies.bring(&before[0]).unwrap_err().to_string().contains("truncated"));
         assert_eq!(fs::read(&file).unwrap(), b"two");
         copies.bring(&listed()[0]).unwrap();
         assert_eq!(fs::read(&file).unwrap(), b"three");

@@ -70,7 +70,7 @@ impl Profile {
         }
         match (Profile::of(&texts, &name), named) {
             (None, Some(name)) => Err(Fault::machine(format!("there is no profile `{name}` (AWS_PROFILE)"))
-                .help("it is looked for in ~/.aws/credentials and ~/.aws/config")),
+                .help("add it to ~/.aws/credentials or ~/.aws/config")),
             (found, _) => Ok(found),
         }
     }
@@ -103,9 +103,11 @@ impl Profile {
                 builder = builder.with_token(token);
             }
         } else if self.other && self.access_key_id.is_none() && set("AWS_ACCESS_KEY_ID").is_none() {
-            let what = format!("the profile `{}` names credentials that a program has to ask for", self.name);
-            return Err(Fault::machine(what)
-                .help("`eval \"$(aws configure export-credentials --format env)\"` puts them into the environment"));
+            let what = format!("the profile `{}` has credentials that another program must request", self.name);
+            return Err(Fault::machine(what).help(
+                "put them into the environment with `eval \"$(aws configure export-credentials --format \
+                       env)\"`",
+            ));
         }
         if let (None, None, Some(region)) = (set("AWS_REGION"), set("AWS_DEFAULT_REGION"), &self.region) {
             builder = builder.with_region(region);

@@ -70,7 +70,7 @@ fn compared(graph: &Graph, t: usize, one: &Store, other: &Store, keys: &HashSet<
         found.units += 1;
         if let Some(what) = difference(graph, unit, key, one, other)? {
             let fault = Fault::machine(what)
-                .help("the store keeps what it had, which another machine or build may have computed");
+                .help("the store is unchanged; another machine or build may have computed the stored result");
             let line = unit.line.and_then(|l| graph.lines.get(l)).cloned();
             let point = graph.plan.instance(unit.table, unit.instance).point();
             found.differ.push(Failure { table: table.clone(), point, line, fault });
@@ -84,8 +84,8 @@ fn difference(graph: &Graph, unit: Unit, key: Key, one: &Store, other: &Store) -
     match (one.has(key), other.has(key)) {
         (false, false) => return Ok(None),
         (true, true) => {}
-        (true, false) => return Ok(Some("it cannot be computed again".to_owned())),
-        (false, true) => return Ok(Some("it could not be computed before, and now it can".to_owned())),
+        (true, false) => return Ok(Some("it cannot be recomputed".to_owned())),
+        (false, true) => return Ok(Some("it failed before and succeeds now".to_owned())),
     }
     let it = graph.plan.instance(unit.table, unit.instance);
     let names: Vec<&str> = it.yields.columns.iter().map(|c| c.name.as_str()).collect();

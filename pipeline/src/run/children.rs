@@ -149,7 +149,7 @@ impl Children {
                 }
             }
         }
-        Some(failed(task, &Fault::machine(format!("{most} workers ended before they answered"))))
+        Some(failed(task, &Fault::machine(format!("{most} workers ended without a receipt"))))
     }
 
     fn start(&self) -> Result<Running, Fault> {
@@ -163,7 +163,7 @@ impl Children {
         let mut child = command.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().map_err(|e| fail(&e))?;
         match (child.stdin.take(), child.stdout.take()) {
             (tasks @ Some(_), Some(receipts)) => Ok(Running { child, tasks, receipts: BufReader::new(receipts) }),
-            _ => Err(fail(&"it has no streams")),
+            _ => Err(fail(&"the process has no standard streams")),
         }
     }
 }

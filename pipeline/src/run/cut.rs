@@ -232,8 +232,8 @@ pub fn one_type(column: &Column, makers: &[&Column]) -> Result<Field, Fault> {
             Ok(Field::new(first.name(), DataType::List(inner), true).with_metadata(about))
         }
         _ => {
-            let what = format!("`{}` has another type at other points of the sweep", column.name);
-            Err(Fault::new(what).help("make it by two stages, each with points of one type"))
+            let what = format!("the type of `{}` differs between points of the sweep", column.name);
+            Err(Fault::new(what).help("use two stages, each with points of one type"))
         }
     }
 }

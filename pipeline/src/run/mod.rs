@@ -202,8 +202,7 @@ fn healed(
             break summary;
         }
     };
-    let healed =
-        |what| format!("{what}; it is set aside in {}, and was computed again", store.root().join("damaged").display());
+    let healed = |what| format!("{what}; it was moved to {} and recomputed", store.root().join("damaged").display());
     summary.notes.extend(store.damaged().into_iter().map(healed));
     if let Err(fault) = store.write_index() {
         summary.failures.push(unpublished(fault));

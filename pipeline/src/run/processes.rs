@@ -59,7 +59,7 @@ impl Engine for Processes {
                 let (Some(task), Some(place)) = (wave.tasks.get(i), receipts.get(i)) else { break };
                 let Some(mut receipt) = children.receipt(&mut worker, task, &Leash::default()) else { break };
                 if let Some(why) = receipt.refused {
-                    receipt = failed(task, &Fault::machine(format!("the worker refused the task: {why}")));
+                    receipt = failed(task, &Fault::machine(format!("the worker rejected the task: {why}")));
                 }
                 wave.tell(task, &receipt);
                 if let Ok(mut place) = place.lock() {

@@ -109,8 +109,8 @@ fn failures(plan: &Plan, store: &Store, failures: &[Failure]) -> Result<Beside, 
     let columns = vec![
         ("flight", text(&|f| f.line.as_ref().map(|l| l.0.clone())), "flight identifier"),
         ("line", text(&|f| f.line.as_ref().map(|l| l.1.clone())), "line identifier"),
-        ("stage", text(&|f| Some(f.table.clone())), "the table that could not be computed"),
-        ("error", text(&|f| Some(f.fault.to_string())), "why"),
+        ("stage", text(&|f| Some(f.table.clone())), "the table that failed"),
+        ("error", text(&|f| Some(f.fault.to_string())), "the error"),
     ];
     beside(plan, store, "failures", &points, columns)
 }
@@ -128,11 +128,11 @@ fn warnings(plan: &Plan, store: &Store, warnings: &[Warning]) -> Result<Beside, 
         ("line", text(&|w| w.line.as_ref().map(|l| l.1.clone())), "line identifier; null for a fit"),
         ("stage", text(&|w| Some(w.stage.clone())), "the table of scores or models"),
         ("kind", text(&|w| Some(w.kind.as_str().to_owned())), "the kind of warning"),
-        ("value", number(|w| w.value), "the value that caused it; null for a fit"),
-        ("limit", number(|w| w.limit), "the limit that the value exceeds"),
-        ("unit", text(&|w| Some(w.unit.to_owned())), "the unit of both"),
+        ("value", number(|w| w.value), "the value that caused the warning; null for a fit"),
+        ("limit", number(|w| w.limit), "the limit that the value violates"),
+        ("unit", text(&|w| Some(w.unit.to_owned())), "the unit of `value` and `limit`"),
         ("text", text(&|w| Some(w.text.clone())), "the message"),
-        ("cause", text(&|w| w.cause.clone()), "the likely cause; null where that is not known"),
+        ("cause", text(&|w| w.cause.clone()), "the likely cause; null if unknown"),
     ];
     beside(plan, store, "warnings", &points, columns)
 }
@@ -184,8 +184,8 @@ fn trials(plan: &Plan, store: &Store, trials: &[Scored]) -> Result<Option<Beside
     let key = |name: &str, about: &str| field(name, DataType::Int64, "", Role::Key, about);
     let mut fields = vec![
         key(TRIAL, "number of the trial"),
-        key("generation", "trials of one generation were proposed together"),
-        key("rung", "rung of successive halving; 1 without"),
+        key("generation", "number of the generation; its trials were proposed together"),
+        key("rung", "rung of successive halving; 1 without halving"),
     ];
     let mut arrays = vec![whole(&|t| t.row.trial), whole(&|t| t.row.generation), whole(&|t| t.row.rung)];
     for (k, (name, _)) in search.columns().into_iter().enumerate().skip(1) {
@@ -197,18 +197,16 @@ fn trials(plan: &Plan, store: &Store, trials: &[Scored]) -> Result<Option<Beside
         fields.push(field(name, kind.clone(), "", Role::Key, "axis of the sweep"));
         arrays.push(one_array(&cells, &kind)?);
     }
-    let about = format!(
-        "`{}` of the table `{}`, pooled over its lines; null where it has no value",
-        goal.metric.name, search.table
-    );
+    let about =
+        format!("`{}` of the table `{}`, pooled over its lines; null without a value", goal.metric.name, search.table);
     fields.push(field("goal", DataType::Float64, goal.metric.unit, Role::Derived, &about));
     arrays.push(Arc::new(trials.iter().map(|t| t.goal).collect::<Float64Array>()));
-    fields.push(field("lines", DataType::Int64, "", Role::Derived, "scores of lines behind the goal"));
+    fields.push(field("lines", DataType::Int64, "", Role::Derived, "number of line scores in the goal"));
     arrays.push(whole(&|t| t.lines));
     let word = |name: &str, about: &str| field(name, DataType::Utf8, "", Role::Key, about);
-    fields.push(word("state", "done, promoted to the next rung, pruned, or failed"));
+    fields.push(word("state", "state of the trial: done, promoted (to the next rung), pruned or failed"));
     arrays.push(text(&|t| Some(t.fate(search).as_str().to_owned())));
-    fields.push(word("error", "why there is no goal"));
+    fields.push(word("error", "the reason for a missing goal"));
     arrays.push(text(&|t| t.error.clone()));
     let batch =
         RecordBatch::try_new(Arc::new(Schema::new(fields)), arrays).map_err(|e| Fault::machine(e.to_string()))?;

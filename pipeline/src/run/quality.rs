@@ -44,11 +44,17 @@ pub fn table(graph: &Graph, store: &Store) -> Result<Beside, Fault> {
         ("source", text(&|r| r.0.to_owned()), Role::Key, "the table of flights"),
         ("flight", text(&|r| r.1.flight.clone()), Role::Key, "flight identifier"),
         ("line", text(&|r| r.1.line.clone()), Role::Key, "line identifier"),
-        ("column_name", text(&|r| r.2.column.clone()), Role::Key, "the column, or the vector magnetometer"),
+        ("column_name", text(&|r| r.2.column.clone()), Role::Key, "the column or the vector magnetometer"),
         ("finding", text(&|r| r.2.check.as_str().to_owned()), Role::Key, "the finding"),
         ("n", whole(|f| f.n), Role::Derived, "the number of samples"),
-        ("first_row", whole(|f| f.first_row), Role::Derived, "the first of them, as a row of the line, from 0"),
-        ("value", value, Role::Derived, "its value; null where it is missing or infinite"),
+        (
+            "first_row",
+            whole(|f| f.first_row),
+            Role::Derived,
+            "the row of the first such sample in its line, counted \
+                                                              from 0",
+        ),
+        ("value", value, Role::Derived, "the value of the first such sample; null if missing or infinite"),
         ("unit", text(&|r| r.2.unit.clone()), Role::Derived, "the unit of the value"),
     ];
     let fields: Vec<Field> = columns

@@ -89,13 +89,13 @@ pub fn serve(
 fn opened(store: &Store, catalogue: &[Entry], task: &Task) -> Result<(Recorded, Plan), Fault> {
     if task.magline != VERSION {
         let what = format!("the task is of magline {}; this is magline {VERSION}", task.magline);
-        return Err(Fault::new(what).help("use the same program for tasks and workers"));
+        return Err(Fault::new(what).help("use the same version for tasks and workers"));
     }
-    let key = task.plan.ok_or_else(|| Fault::new("the task names no plan"))?;
+    let key = task.plan.ok_or_else(|| Fault::new("the task has no plan"))?;
     let recorded = Recorded::find(store, key)?;
     let plan = recorded.plan(catalogue).map_err(|faults: Faults| {
-        let what = format!("this program cannot plan what the task asks for: {faults}");
-        Fault::new(what).help("use the same program for tasks and workers")
+        let what = format!("this program cannot plan the task: {faults}");
+        Fault::new(what).help("use the same version for tasks and workers")
     })?;
     Ok((recorded, plan))
 }
@@ -105,11 +105,15 @@ pub fn given_up(tries: &Tries) -> Fault {
     let times = |n: usize| if n == 1 { "once".to_owned() } else { format!("{n} times") };
     let lost = "its worker was lost";
     let what = match (&tries.why, tries.lost) {
-        (Some(why), 0) => format!("{why} ({} by a worker)", times(tries.failed)),
-        (Some(why), n) => format!("{why} ({} by a worker); and {lost} {}", times(tries.failed), times(n)),
-        (None, n) => format!("{lost} {} while it computed this: killed, out of memory, or out of time", times(n)),
+        (Some(why), 0) => format!("{why} ({} in a worker)", times(tries.failed)),
+        (Some(why), n) => format!("{why} ({} in a worker); and {lost} {}", times(tries.failed), times(n)),
+        (None, n) => format!(
+            "{lost} {} during this computation: killed, out of memory, or over the time \
+                              limit",
+            times(n)
+        ),
     };
-    Fault::machine(what).help(format!("`--retries {}` tries it again", tries.all()))
+    Fault::machine(what).help(format!("to try again, use `--retries {}`", tries.all()))
 }
 
 impl Served {
@@ -271,14 +275,10 @@ impl Bench<'_> {
 fn overdue(limit: Duration, units: usize) -> Fault {
     let seconds = limit.as_secs_f64();
     let fault = match units {
-        1 => Fault::machine(format!("it was not done after {seconds} s, its time limit")),
-        n => Fault::machine(format!("it and {} other units were not done after {seconds} s, their time limit", n - 1)),
+        1 => Fault::machine(format!("it exceeded its time limit of {seconds} s")),
+        n => Fault::machine(format!("it and {} other units exceeded their time limit of {seconds} s", n - 1)),
     };
-    fault.help(if units == 1 {
-        "give it more time with `--unit-timeout`"
-    } else {
-        "each is tried by itself the next time"
-    })
+    fault.help(if units == 1 { "increase `--unit-timeout`" } else { "the next run retries each unit separately" })
 }
 
 /// Does some work, and calls `late` from another thread when that takes longer than `limit`.
@@ -301,9 +301,9 @@ fn in_time<T>(limit: Option<Duration>, work: impl FnOnce() -> T, late: impl FnOn
 fn checked(graph: &Graph, task: &Task) -> Result<usize, Fault> {
     let table = graph.plan.table(&task.table)?;
     let node = &graph.plan.tables[table];
-    let strange = |what: String| Fault::new(what).help("`magline tasks` writes the tasks again");
+    let strange = |what: String| Fault::new(what).help("write the tasks again with `magline tasks`");
     if !node.keep {
-        return Err(strange(format!("the results of `{}` are not kept", task.table)));
+        return Err(strange(format!("`{}` has `keep = false`, so its results are not stored", task.table)));
     }
     for unit in &task.units {
         let place = match unit.line {
@@ -322,7 +322,7 @@ fn checked(graph: &Graph, task: &Task) -> Result<usize, Fault> {
         let key = graph.key(unit.unit(table)).map_err(|fault| strange(format!("{place}: {fault}")))?;
         if key != unit.key {
             let what = format!("{place} has the key {} in the task, and {key} in this program", unit.key);
-            return Err(Fault::new(what).help("use the same program for tasks and workers"));
+            return Err(Fault::new(what).help("use the same version for tasks and workers"));
         }
     }
     Ok(table)

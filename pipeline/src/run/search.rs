@@ -72,8 +72,8 @@ pub fn search(
 
 /// What the machine refused may be there the next time, and the trials after it would be others.
 fn stopped(done: usize) -> Failure {
-    let what = format!("the search stopped after {done} trials, as the machine refused a part of the next ones");
-    let fault = Fault::machine(what).help("run it again: what is done is kept");
+    let what = format!("the search stopped after {done} trials, because the machine failed during the next trials");
+    let fault = Fault::machine(what).help("run the spec again to resume; finished results are stored");
     Failure { table: "search".into(), point: Default::default(), line: None, fault }
 }
 

@@ -304,7 +304,7 @@ impl<'a> Runner<'a> {
         let fault = match (outcome, fault) {
             (Outcome::Computed | Outcome::Reused, None) => None,
             (_, Some(fault)) => Some(fault),
-            (Outcome::Failed | Outcome::Skipped, None) => Some(Fault::bug("a unit failed and does not say why")),
+            (Outcome::Failed | Outcome::Skipped, None) => Some(Fault::bug("a unit failed without a reason")),
         };
         let Some(fault) = fault else {
             *(if outcome == Outcome::Computed { &mut count.computed } else { &mut count.reused }) += 1;
@@ -337,7 +337,7 @@ impl<'a> Runner<'a> {
             Looked::Skip(r) => {
                 count.skipped += 1;
                 let name = self.graph.plan.name_of(r);
-                let why = Fault::data(format!("it is made from `{name}`, which could not be computed"));
+                let why = Fault::data(format!("its input `{name}` could not be computed"));
                 self.note(unit, State::Missing, Outcome::Skipped, Some(&why));
                 Known::Nothing
             }

@@ -198,22 +198,22 @@ impl Answer {
 
 /// An object of one line whose entry `word` is its form.
 fn parsed<T: DeserializeOwned>(text: &str, word: &str) -> Result<T, Fault> {
-    let help = "`magline tasks` writes one task a line";
+    let help = "`magline tasks` writes one task per line";
     let cut = |e: serde_json::Error| {
-        let why = if e.is_eof() { "the line is cut".to_owned() } else { format!("not JSON: {e}") };
-        Fault::new(format!("it is not a {word}: {why}")).help(help)
+        let why = if e.is_eof() { "the line is truncated".to_owned() } else { format!("not JSON: {e}") };
+        Fault::new(format!("the line is not a {word}: {why}")).help(help)
     };
     let value: serde_json::Value = serde_json::from_str(text).map_err(cut)?;
     let form = value.get(word).and_then(serde_json::Value::as_u64);
     match form {
         Some(FORM) => {
-            serde_json::from_value(value).map_err(|e| Fault::new(format!("the {word} is not whole: {e}")).help(help))
+            serde_json::from_value(value).map_err(|e| Fault::new(format!("the {word} is incomplete: {e}")).help(help))
         }
         Some(other) => {
-            let what = format!("the {word} is of form {other}; this is magline {VERSION}, which knows form {FORM}");
-            Err(Fault::new(what).help("use the same program for tasks and workers"))
+            let what = format!("the {word} has form {other}; magline {VERSION} supports form {FORM}");
+            Err(Fault::new(what).help("use the same version for tasks and workers"))
         }
-        None => Err(Fault::new(format!("it is not a {word}: it is JSON of another kind")).help(help)),
+        None => Err(Fault::new(format!("the line is not a {word}, but other JSON")).help(help)),
     }
 }
 
@@ -313,14 +313,14 @@ mod tests {
         let text = serde_json::to_string(&task()).unwrap();
         for at in 1..text.len() {
             let fault = Task::parse(&text[..at]).unwrap_err();
-            assert!(fault.what.contains("the line is cut"), "{at}: {fault}");
+            assert!(fault.what.contains("the line is truncated"), "{at}: {fault}");
         }
         let said = |text: &str| Task::parse(text).unwrap_err().what;
-        assert!(said(r#"{"event":"started"}"#).contains("JSON of another kind"));
-        assert!(said("[1, 2]").contains("JSON of another kind") && said("17").contains("JSON of another kind"));
+        assert!(said(r#"{"event":"started"}"#).contains("other JSON"));
+        assert!(said("[1, 2]").contains("other JSON") && said("17").contains("other JSON"));
         assert!(said("fit 7").contains("not JSON"));
         assert!(said(&text.replace(r#"{"task":1"#, r#"{"task":2"#)).contains("form 2"));
-        assert!(said(&text.replace(r#""point":3"#, r#""point":-3"#)).contains("not whole"));
+        assert!(said(&text.replace(r#""point":3"#, r#""point":-3"#)).contains("incomplete"));
         assert!(said(&text.replace(r#""point":3"#, r#""punkt":3"#)).contains("punkt"));
         assert!(said(&text.replace(&Key::of(["a"]).to_string(), "xyz")).contains("not a key"));
     }

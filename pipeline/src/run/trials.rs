@@ -76,12 +76,12 @@ pub fn check(graph: &Graph) -> Result<(), Fault> {
 pub fn vain(plan: &Plan, trials: &[Scored]) -> Option<Failure> {
     let search = plan.spec.search.as_ref()?;
     let why = trials.first()?.error.clone().unwrap_or_default();
-    let what = format!("the goal `{}.{}` has no value at any of {} trials", search.table, search.metric, trials.len());
+    let what = format!("the goal `{}.{}` has no value in any of {} trials", search.table, search.metric, trials.len());
     trials.iter().all(|t| t.cost.is_none()).then(|| Failure {
         table: search.table.clone(),
         point: Default::default(),
         line: None,
-        fault: Fault::data(format!("{what}; at the first: {why}")),
+        fault: Fault::data(format!("{what}; the first trial: {why}")),
     })
 }
 
@@ -99,11 +99,11 @@ fn wanted(graph: &Graph, goal: &Goal) -> Result<Vec<bool>, Fault> {
     }
     let name = |l: &LineId| graph.lines.get(*l).map(|(flight, line)| format!("{flight}/{line}"));
     let some: Vec<String> = of_goal.iter().take(12).filter_map(name).collect();
-    let fault = Fault::new("the goal of the search is of no line");
+    let fault = Fault::new("the goal of the search selects no line");
     let at =
         graph.plan.spec.search.as_ref().map(|s| s.predicate.as_ref().map_or(s.goal_at.clone(), |(_, at)| at.clone()));
     let fault = at.into_iter().fold(fault, Fault::at);
-    Err(fault.help(format!("its table has, as flight/line: {}", some.join(", "))))
+    Err(fault.help(format!("lines of its table, as flight/line: {}", some.join(", "))))
 }
 
 fn one(

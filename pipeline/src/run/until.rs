@@ -29,7 +29,7 @@ impl Asked {
         let names: Vec<&str> = self.names(plan).collect();
         (!names.is_empty()).then(|| {
             let which = names.join(", ");
-            format!("not asked for, and left as published before, if they were: {which}")
+            format!("unchanged, because `--until` does not include them: {which}")
         })
     }
 

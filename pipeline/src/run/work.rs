@@ -516,7 +516,7 @@ impl<'a> Worker<'a> {
             fields.len() == arrays.len() && fields.iter().zip(&arrays).all(|(f, a)| f.data_type() == a.data_type());
         if !fits {
             let name = it.node.entry.name;
-            return Err(Fault::bug(format!("`{name}` yields other columns than it declares")));
+            return Err(Fault::bug(format!("the columns of `{name}` differ from its declaration")));
         }
         RecordBatch::try_new(Arc::new(Schema::new(fields)), arrays).map_err(|e| Fault::machine(e.to_string()))
     }
@@ -524,7 +524,7 @@ impl<'a> Worker<'a> {
 
 /// The fault of a survey stage without usable lines.
 fn nothing_left(faults: &[Fault]) -> Fault {
-    let Some(first) = faults.first() else { return Fault::data("no selected line could be computed") };
+    let Some(first) = faults.first() else { return Fault::data("none of the selected lines could be computed") };
     Fault::data(format!("none of the {} selected lines can be used; the first: {first}", faults.len()))
 }
 
@@ -536,7 +536,7 @@ fn empty() -> RecordBatch {
 fn guarded<T>(work: impl FnOnce() -> Result<T, Fault>) -> Result<T, Fault> {
     catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|cause| {
         let text = cause.downcast_ref::<String>().map(String::as_str).or_else(|| cause.downcast_ref::<&str>().copied());
-        Err(Fault::bug(format!("the stage ended with a panic ({})", text.unwrap_or("no message"))))
+        Err(Fault::bug(format!("the stage panicked ({})", text.unwrap_or("no message"))))
     })
 }
 

@@ -10,7 +10,7 @@ use crate::ports::Guest;
 const SHORTEST: usize = 16;
 
 const WRONG: &str =
-    "the token is missing or wrong: send it as `authorization: Bearer TOKEN`, or as the password of any user";
+    "the token is missing or wrong; send it as `authorization: Bearer TOKEN`, or as the password of any user";
 
 /// A secret that clients must know. It is compared by its hash, in a time that does not depend on it.
 #[derive(Clone)]
@@ -26,12 +26,12 @@ impl Token {
     /// Fails for anything else.
     pub fn read(text: &str) -> Result<Token, Fault> {
         let text = text.trim();
-        let fault = |what: String| Fault::new(what).help("`openssl rand -hex 32` makes a good one");
+        let fault = |what: String| Fault::new(what).help("create one with `openssl rand -hex 32`");
         if !text.chars().all(|c| c.is_ascii_graphic()) {
-            return Err(fault("the token is not one word of visible ASCII characters".to_owned()));
+            return Err(fault("the token must be one word of visible ASCII characters".to_owned()));
         }
         if text.len() < SHORTEST {
-            return Err(fault(format!("the token has {} characters; at least {SHORTEST} are needed", text.len())));
+            return Err(fault(format!("the token has {} characters; at least {SHORTEST} are required", text.len())));
         }
         Ok(Token { text: text.to_owned(), hash: blake3::hash(text.as_bytes()) })
     }
@@ -78,7 +78,7 @@ impl Interceptor for Check {
         }
         // From now on the connection is one of a client, and no longer one of a stranger.
         if request.extensions().get::<Guest>().is_some_and(|guest| !guest.admit()) {
-            return Err(Status::resource_exhausted("too many clients are connected: try again later"));
+            return Err(Status::resource_exhausted("too many clients are connected; try again later"));
         }
         Ok(request)
     }

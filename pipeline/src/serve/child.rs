@@ -183,7 +183,7 @@ fn plain(schema: &Schema) -> Schema {
 /// # Errors
 /// Fails when nobody listens.
 pub fn answer() -> Result<(), Fault> {
-    let lost = |e: std::io::Error| Fault::machine(format!("the server is gone: {e}"));
+    let lost = |e: std::io::Error| Fault::machine(format!("the server has ended: {e}"));
     confine::end_with_parent();
     let mut text = String::new();
     stdin().read_to_string(&mut text).map_err(lost)?;
@@ -193,8 +193,8 @@ pub fn answer() -> Result<(), Fault> {
     let mut send = |piece: Piece| piece.write(&mut out).map_err(lost);
     // A text that is longer than its offsets can count ends DataFusion with a panic.
     let too_long = |_| {
-        let what = format!("{}, or makes texts beyond 2 GiB", memory::exceeded(question.memory));
-        Err(Fault::new(what).help("ask for fewer rows or shorter texts"))
+        let what = format!("{}, or its texts exceed 2 GiB", memory::exceeded(question.memory));
+        Err(Fault::new(what).help("select fewer rows or shorter texts"))
     };
     let end = match catch_unwind(AssertUnwindSafe(|| answered(&question, &mut send))).unwrap_or_else(too_long) {
         Ok(()) => Piece::End,
@@ -223,7 +223,7 @@ async fn rows(question: &Question, send: &mut Send<'_>) -> Result<(), Fault> {
     pulled(store)?;
     let session = Session::at(store, question.memory, spill, question.pins.as_ref())?;
     let wrong = |e| session.fault(&e, query);
-    let bug = |e: ArrowError| Fault::bug(format!("the answer cannot be sent: {e}"));
+    let bug = |e: ArrowError| Fault::bug(format!("cannot send the result: {e}"));
     let mut plan = session.plan(query).await?;
     if let Some(text) = &question.parameters {
         let (schema, batches) = read(text).map_err(bug)?;

@@ -75,8 +75,8 @@ fn machine(what: &str, e: &dyn std::fmt::Display) -> Fault {
 /// cannot be used.
 pub fn serve(settings: Settings, started: impl FnOnce(SocketAddr), stop: watch::Receiver<bool>) -> Result<(), Fault> {
     if settings.token.is_none() && !settings.bind.ip().is_loopback() {
-        let what = format!("{} can be reached from other machines, and there is no token", settings.bind.ip());
-        return Err(Fault::new(what).help("give one with `--token-file`, or bind to 127.0.0.1"));
+        let what = format!("other machines can connect to {}, but the server has no token", settings.bind.ip());
+        return Err(Fault::new(what).help("give a token with `--token-file`, or use `--bind 127.0.0.1:31337`"));
     }
     let threads = |name: &'static str| {
         let mut builder = Builder::new_multi_thread();
@@ -111,7 +111,7 @@ async fn listen(
         .http2_keepalive_timeout(Some(ALIVE))
         .max_concurrent_streams(Some(STREAMS));
     let encryption = settings.tls.map(|(certificate, key)| encryption(&certificate, &key)).transpose()?;
-    let taken = |e: &dyn std::fmt::Display| machine(&format!("cannot listen at {}", settings.bind), e);
+    let taken = |e: &dyn std::fmt::Display| machine(&format!("cannot listen on {}", settings.bind), e);
     let listener = TcpListener::bind(settings.bind).await.map_err(|e| taken(&e))?;
     let door = Door::new(listener, encryption);
     started(door.address().map_err(|e| taken(&e))?);

@@ -33,7 +33,7 @@ pub fn numbered(query: &str) -> Result<String, Fault> {
                 marks.insert((one.span.start.line, one.span.start.column), marks.len() + 1);
             }
             Token::Placeholder(_) if tokens.iter().any(|t| t.token == Token::Placeholder("?".to_owned())) => {
-                return Err(Fault::new("the query has parameters `?` and numbered ones").help("use either"));
+                return Err(Fault::new("the query mixes parameters `?` and numbered parameters").help("use only one of the two forms"));
             }
             _ => {}
         }
@@ -94,18 +94,18 @@ pub fn valued(open: &Schema) -> Result<(), Fault> {
 pub fn values(plan: &LogicalPlan, values: &RecordBatch) -> Result<ParamValues, Fault> {
     let open = open(plan);
     let names: Vec<&str> = open.fields().iter().map(|f| f.name().as_str()).collect();
-    let wrong = |what: String| Fault::new(what).help("bind one row, with a column for each parameter");
+    let wrong = |what: String| Fault::new(what).help("bind one row with one column for each parameter");
     if values.num_rows() != 1 {
-        return Err(wrong(format!("there are {} rows of parameters; a query takes one", values.num_rows())));
+        return Err(wrong(format!("{} rows of parameters were bound; a query requires one", values.num_rows())));
     }
     let value = |column: &ArrayRef| ScalarValue::try_from_array(column, 0);
     let scalars = values.columns().iter().map(value).collect::<Result<Vec<ScalarValue>, _>>();
-    let scalars = scalars.map_err(|e| wrong(format!("the parameters cannot be used: {e}")))?;
+    let scalars = scalars.map_err(|e| wrong(format!("the parameters are invalid: {e}")))?;
     let numbers: Vec<usize> = names.iter().filter_map(|n| number(n)).collect();
     if numbers.len() == names.len() {
         let most = numbers.iter().copied().max().unwrap_or(0);
         if most != scalars.len() {
-            let what = format!("the query takes {most} parameters, and there are {} values", scalars.len());
+            let what = format!("the query has {most} parameters, but {} values were bound", scalars.len());
             return Err(wrong(what));
         }
         return Ok(scalars.into());
@@ -115,7 +115,7 @@ pub fn values(plan: &LogicalPlan, values: &RecordBatch) -> Result<ParamValues, F
     let lacks = |name: &&&str| !given.iter().any(|g| g == name.trim_start_matches('$'));
     let missing: Vec<&str> = names.iter().filter(lacks).copied().collect();
     if !missing.is_empty() || given.len() != names.len() {
-        return Err(wrong(format!("the query takes the parameters {}", listed(&names))));
+        return Err(wrong(format!("the query requires the parameters {}", listed(&names))));
     }
     Ok(given.into_iter().zip(scalars).collect::<Vec<(String, ScalarValue)>>().into())
 }

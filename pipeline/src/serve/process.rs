@@ -109,12 +109,12 @@ impl Processes {
     }
 
     fn late(&self) -> Status {
-        Status::deadline_exceeded(format!("the query took longer than {} s", self.0.timeout.as_secs()))
+        Status::deadline_exceeded(format!("the query exceeded its time limit of {} s", self.0.timeout.as_secs()))
     }
 
     fn too_much(&self, share: usize) -> Status {
         Status::invalid_argument(format!(
-            "error: {}\n  help: ask for fewer rows or columns, or serve with a larger `--memory-limit`",
+            "error: {}\n  help: select fewer rows or columns, or start the server with a larger `--memory-limit`",
             memory::exceeded(share)
         ))
     }
@@ -160,21 +160,21 @@ impl Processes {
             // It ended before: its end says why.
             Err(_) => match reader.next().await {
                 Some(Err(why)) => Err(why),
-                Some(Ok(_)) | None => Err(Status::internal("the query ended without an answer")),
+                Some(Ok(_)) | None => Err(Status::internal("the query ended without a result")),
             },
         }
     }
 
     /// A place among the queries that are computed at once.
     async fn place(&self, deadline: Instant) -> Result<OwnedSemaphorePermit, Status> {
-        let busy = || Status::resource_exhausted("too many queries are under way: ask again later");
+        let busy = || Status::resource_exhausted("too many queries are running; repeat the query later");
         let before = self.0.waiting.fetch_add(1, Ordering::Relaxed);
         let _turn = Turn(&self.0.waiting);
         if before >= MOST_WAITING {
             return Err(busy());
         }
         let permit = timeout_at(deadline, self.0.at_once.clone().acquire_owned()).await.map_err(|_| busy())?;
-        permit.map_err(|_| Status::unavailable("the server ends"))
+        permit.map_err(|_| Status::unavailable("the server is shutting down"))
     }
 
     fn question(&self, asked: Asked, rows: bool) -> Question {
@@ -235,8 +235,8 @@ impl Processes {
                 Piece::Head(head) => drop(tell.take().map(|tell| tell.send(head))),
                 Piece::Rows(rows) => match spool.put(rows, &self.0.spill) {
                     Ok(true) => {}
-                    Ok(false) => return Some(Err(Status::cancelled("the client has gone away"))),
-                    Err(e) => return Some(Err(Status::internal(format!("cannot keep an answer: {e}")))),
+                    Ok(false) => return Some(Err(Status::cancelled("the client has disconnected"))),
+                    Err(e) => return Some(Err(Status::internal(format!("cannot store a result: {e}")))),
                 },
                 Piece::End => return Some(Ok(())),
                 Piece::Failed(Refusal { text, lasting: true }) => return Some(Err(Status::invalid_argument(text))),
@@ -257,7 +257,7 @@ impl Processes {
         };
         let why = tokio::select! {
             () = sleep_until(deadline) => self.late(),
-            () = spool.left() => Status::cancelled("the client has gone away"),
+            () = spool.left() => Status::cancelled("the client has disconnected"),
             () = looked => return,
         };
         self.end_one(number, why.clone());
@@ -290,7 +290,7 @@ impl Processes {
     pub fn end(&self) {
         self.0.at_once.close();
         for running in self.running().values_mut() {
-            running.ended.get_or_insert(Status::unavailable("the server ends"));
+            running.ended.get_or_insert(Status::unavailable("the server is shutting down"));
             stop(running.process);
         }
     }

@@ -123,7 +123,7 @@ pub fn told(fault: &Fault) -> Status {
 }
 
 fn gone(what: &str) -> Status {
-    Status::not_found(format!("{what} is not known any more: ask again"))
+    Status::not_found(format!("{what} has expired; repeat the request"))
 }
 
 impl Queries {
@@ -158,7 +158,7 @@ impl Queries {
     pub async fn session(&self) -> Result<Arc<Session>, Status> {
         let tables = self.tables.clone();
         let done = self.runtime.spawn_blocking(move || tables.session()).await;
-        done.map_err(|_| Status::internal("the store cannot be read"))?.map_err(|fault| told(&fault))
+        done.map_err(|_| Status::internal("the store is unreadable"))?.map_err(|fault| told(&fault))
     }
 
     /// Plans `query` with its parameters, if it has any.

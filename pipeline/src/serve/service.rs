@@ -50,7 +50,7 @@ fn broken(e: &dyn std::fmt::Display) -> Status {
 }
 
 fn refused() -> Status {
-    Status::permission_denied("the store is served read-only: ask with SELECT")
+    Status::permission_denied("rejected: the store is read-only; use SELECT")
 }
 
 /// How to come by the rows that `ticket` stands for.
@@ -200,7 +200,7 @@ impl FlightSqlService for Service {
         let mut response: Response<Pin<Box<dyn Stream<Item = _> + Send>>> =
             Response::new(Box::pin(stream::iter([Ok(answer)])));
         if let Some(token) = &self.token {
-            let header = token.bearer().parse().map_err(|_| Status::internal("the token is no header"))?;
+            let header = token.bearer().parse().map_err(|_| Status::internal("the token is not a valid header"))?;
             response.metadata_mut().insert("authorization", header);
         }
         Ok(response)

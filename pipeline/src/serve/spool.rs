@@ -159,7 +159,7 @@ impl Reader {
                     (state.file, state.written) = (None, 0);
                     self.0.room.notify_all();
                 }
-                Some(Some(read.map(|()| piece).map_err(|e| Status::internal(format!("cannot read an answer: {e}")))))
+                Some(Some(read.map(|()| piece).map_err(|e| Status::internal(format!("cannot read a result: {e}")))))
             }
             None => match state.end.clone()? {
                 Ok(()) => Some(None),

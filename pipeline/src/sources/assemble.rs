@@ -123,7 +123,7 @@ impl<'a> Assembly<'a> {
         for whole in &mut unnamed {
             if let Some(fault) = &mut whole.fault {
                 let rows = if whole.rows == 1 { "a row".to_owned() } else { format!("{} rows", whole.rows) };
-                fault.what = format!("the identifier is missing in {rows} of the file, of which this is the first");
+                fault.what = format!("the identifier is missing in {rows} of the file; this is the first");
             }
         }
         done.extend(unnamed);
@@ -135,7 +135,7 @@ fn gap_fault(options: &FlightOptions, gap: &Gap) -> Fault {
     let column = if options.is_missing(&gap.flight) { "flight" } else { "line" };
     Fault::data("the identifier is missing")
         .in_column(column)
-        .help("give every row its flight and line, or drop the row")
+        .help("set flight and line in every row, or remove the row")
 }
 
 fn text(column: &StringArray, row: usize) -> &str {

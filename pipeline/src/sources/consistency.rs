@@ -85,7 +85,7 @@ impl<'a> Line<'a> {
     }
 
     fn in_radians(&self, set: Set) -> String {
-        format!("they look like radians: {}", self.origins.units(&[set.lat, set.lon], "rad"))
+        format!("the values are probably in radians: {}", self.origins.units(&[set.lat, set.lon], "rad"))
     }
 }
 
@@ -145,16 +145,16 @@ fn ins_distance(line: &Line) -> Option<(Fault, Finding)> {
     } else if both_could_be_radians(ins_lat, ins_lon) && close(truth, turned(ins)) {
         (INS, line.in_radians(INS))
     } else if close((truth.0, -truth.1), ins) {
-        (INS, "one of the longitudes is positive to the west: change its sign".to_owned())
+        (INS, "one of the longitudes is positive to the west; change its sign".to_owned())
     } else if close((truth.1, truth.0), ins) {
-        (INS, "latitude and longitude of one of them are swapped: use `rename`".to_owned())
+        (INS, "latitude and longitude of one position are swapped; use `rename`".to_owned())
     } else if truth == (0.0, 0.0) {
-        (TRUTH, "0, 0 is what loggers write without a fix: leave the cells empty".to_owned())
+        (TRUTH, "loggers write 0, 0 without a fix; leave these cells empty".to_owned())
     } else {
         (INS, "correct the file".to_owned())
     };
     let what = format!(
-        "the INS at {}, {} deg is {} km from the position {}, {} deg, further than any INS (at most {INS_KM} km)",
+        "the INS at {}, {} deg is {} km from the position {}, {} deg, more than the limit of {INS_KM} km",
         shown(ins.0),
         shown(ins.1),
         shown(apart.round()),
@@ -183,7 +183,8 @@ fn radians_at_the_equator(line: &Line, set: Set) -> Option<(Fault, Finding)> {
     }
     let row = all.first().map_or(0, |c| c.row);
     let what = format!(
-        "the position {}, {} deg lies in the Gulf of Guinea and moves at {} m/s; in rad it would be {}, {} deg at {} m/s or so",
+        "the position {}, {} deg lies in the Gulf of Guinea and moves at {} m/s; as radians it would be {}, {} deg at \
+         about {} m/s",
         shown(lat[row]),
         shown(lon[row]),
         shown(round(speed)),
@@ -212,7 +213,7 @@ fn jump(line: &Line) -> Option<(Fault, Finding)> {
             let what = format!("the position jumps by {} km within {} s", shown(km.round()), shown(round(seconds)));
             let zero = |k: usize| lat[k] == 0.0 && lon[k] == 0.0;
             let help = if zero(i) || zero(last) {
-                "0, 0 is what loggers write without a fix: leave the cells empty"
+                "loggers write 0, 0 without a fix; leave these cells empty"
             } else {
                 "correct the file"
             };
@@ -241,7 +242,7 @@ fn heights(line: &Line) -> Option<(Fault, Finding)> {
         }
         let (wrong, value) = if first < second { (one, a[row]) } else { (other, b[row]) };
         let what = format!("`{one}` and `{other}` are {} m apart", shown(same.round()));
-        let help = format!("if `{wrong}` is in ft they agree: {}", line.origins.units(&[wrong], "ft"));
+        let help = format!("they agree if `{wrong}` is in ft: {}", line.origins.units(&[wrong], "ft"));
         return Some(line.contradiction((wrong, row, value, "m"), a.len(), what, &help));
     }
     None
@@ -273,12 +274,12 @@ fn attitude(line: &Line, set: Set) -> Option<(Fault, Finding)> {
     }
     let row = all.first().map_or(0, |c| c.row);
     let what = format!(
-        "the heading is {} deg off the course over ground, but {} deg if it is in rad",
+        "the heading differs from the course over ground by {} deg, or by {} deg if it is in rad",
         shown(apart(1.0).round()),
         shown(apart(1f64.to_degrees()).round())
     );
     let angles = if set.yaw == TRUTH.yaw { ["roll", "pitch", "yaw"] } else { ["ins_roll", "ins_pitch", "ins_yaw"] };
-    let help = format!("the angles look like radians: {}", line.origins.units(&angles, "rad"));
+    let help = format!("the angles are probably in radians: {}", line.origins.units(&angles, "rad"));
     Some(line.contradiction((set.yaw, row, yaw[row], "deg"), yaw.len(), what, &help))
 }
 
@@ -294,10 +295,15 @@ fn specific_force(line: &Line) -> Option<(Fault, Finding)> {
         return None;
     }
     let what = format!(
-        "the specific force is {} m/s2 on average, where a flight has 9.8 m/s2, gravity included",
+        "the specific force is {} m/s2 on average, but in flight it is 9.8 m/s2, including gravity",
         shown(round(usual))
     );
-    let help = if (0.8..1.25).contains(&usual) { "in g it fits: convert the columns" } else { "correct the file" };
+    let help = if (0.8..1.25).contains(&usual) {
+        "the columns are probably in g; convert them to \
+                                                  m/s2"
+    } else {
+        "correct the file"
+    };
     let row = (0..n.len()).find(|i| force(*i).is_finite())?;
     Some(line.contradiction(("ins_fd", row, d[row], "m/s2"), n.len(), what, help))
 }

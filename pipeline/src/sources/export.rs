@@ -166,9 +166,9 @@ impl Export<'_> {
             return Err(table.none_of(self.input));
         }
         if lines.is_empty() {
-            let Some(mapped) = &self.mapped else { return Err(Fault::data("the file holds no samples")) };
+            let Some(mapped) = &self.mapped else { return Err(Fault::data("the file contains no samples")) };
             let name = self.input.file_name().unwrap_or_default().to_string_lossy().into_owned();
-            log.notes.push(format!("{name}: no row is one of the table `{}`: nothing is written", mapped.name()));
+            log.notes.push(format!("{name}: no row belongs to the table `{}`; nothing is written", mapped.name()));
         }
         once_each(&lines)?;
         let described = canonical.schema().fields().iter();
@@ -254,7 +254,7 @@ impl Export<'_> {
         let plain = |c: char| c.is_alphanumeric() || "._-".contains(c);
         if flight.is_empty() || !flight.chars().all(plain) {
             let fault = Fault::data(format!("the flight `{}` cannot be the name of a folder", flight.escape_default()));
-            return Err(fault.help("leave `--hive` out, or name the flight otherwise"));
+            return Err(fault.help("remove `--hive`, or rename the flight with `--flight`"));
         }
         Ok(self.folder.join(format!("flight={flight}")).join(name))
     }
@@ -342,8 +342,8 @@ fn settle(path: &Path, target: &Path, replace: bool, from: Key) -> Result<bool, 
         Ok(()) => {}
         Err(e) if e.kind() == io::ErrorKind::AlreadyExists => {
             if made_from(target) != Some(from) {
-                let fault = Fault::new(format!("{} holds other data already", target.display()));
-                return Err(fault.help("name another folder with `--to`, or say `--replace`"));
+                let fault = Fault::new(format!("{} already contains other data", target.display()));
+                return Err(fault.help("give another folder with `--to`, or add `--replace`"));
             }
             return Ok(true);
         }
@@ -379,7 +379,7 @@ fn once_each(lines: &[LineOf]) -> Result<(), Fault> {
     for (i, line) in lines.iter().enumerate() {
         if seen.insert((line.flight.clone(), line.line.clone()), i).is_some() {
             let fault = Fault::data("the line's samples are not contiguous").in_line(&line.flight, &line.line);
-            return Err(fault.help("sort the file by flight, line and tt, and name each line once"));
+            return Err(fault.help("sort the file by flight, line and tt; each line must appear once"));
         }
     }
     Ok(())

@@ -29,7 +29,7 @@ pub fn find(path: &str, folder: &Path, any_name: bool) -> Result<Vec<PathBuf>, F
         found.push(full.clone());
     } else if full.exists() && !full.is_dir() {
         let fault = Fault::new(format!("{} is a pipe, socket or device, not a regular file", full.display()));
-        return Err(fault.help("write its output to a file, and give that"));
+        return Err(fault.help("write its output to a file, and use that file"));
     } else if full.is_dir() {
         walk(&full, &mut found).map_err(|e| Fault::machine(format!("cannot read {}: {e}", full.display())))?;
         if !any_name {
@@ -52,7 +52,7 @@ pub fn find(path: &str, folder: &Path, any_name: bool) -> Result<Vec<PathBuf>, F
 fn none(place: &dyn std::fmt::Display) -> Fault {
     let known: Vec<&str> = flight_formats().iter().flat_map(|f| f.extensions).copied().collect();
     let fault = Fault::new(format!("there are no flight files in {place}"));
-    fault.help(format!("looked for names that end in {}", known.join(", ")))
+    fault.help(format!("supported extensions: {}", known.join(", ")))
 }
 
 /// The copies of the objects that `address` means.
@@ -87,7 +87,11 @@ pub fn settled(found: &mut Vec<PathBuf>, settle: Duration) -> Option<String> {
     let more = if left.len() > SHOWN { format!(" and {} more", left.len() - SHOWN) } else { String::new() };
     (!left.is_empty()).then(|| {
         let seconds = settle.as_secs();
-        format!("left out, as written to in the last {seconds} s: {}{more}; the next run has them", names.join(", "))
+        format!(
+            "skipped by `--settle`, because they were modified in the last {seconds} s: {}{more}; the next run \
+                 reads them",
+            names.join(", ")
+        )
     })
 }
 

@@ -106,9 +106,9 @@ impl Origins {
     pub fn units(&self, ours: &[&str], unit: &str) -> String {
         if self.mapping {
             let names: Vec<String> = ours.iter().map(|o| format!("`{o}`")).collect();
-            return format!("say `unit = \"{unit}\"` of {} in the mapping", names.join(", "));
+            return format!("set `unit = \"{unit}\"` for {} in the mapping", names.join(", "));
         }
         let each: Vec<String> = ours.iter().map(|o| format!("\"{}\" = \"{unit}\"", self.name(o))).collect();
-        format!("say `units = {{ {} }}` in the table of the spec", each.join(", "))
+        format!("set `units = {{ {} }}` in the table of the spec", each.join(", "))
     }
 }

@@ -162,7 +162,7 @@ fn once_each(lines: Vec<LineRecord>, files: &[Bytes]) -> Vec<LineRecord> {
                 let name = |i: usize| files.get(i).map(|f: &Bytes| f.path.display().to_string()).unwrap_or_default();
                 if line.flight == MISSING || line.line == MISSING {
                     // Rows of no line in several files: all of them are named.
-                    last.fault.get_or_insert_default().what += &format!("; there are more in {}", name(line.file));
+                    last.fault.get_or_insert_default().what += &format!("; more such rows are in {}", name(line.file));
                     continue;
                 }
                 let what = if last.file == line.file {
@@ -170,7 +170,7 @@ fn once_each(lines: Vec<LineRecord>, files: &[Bytes]) -> Vec<LineRecord> {
                 } else {
                     format!("the line is also in {}", name(line.file))
                 };
-                let fault = Fault::data(what).help("sort the file by flight, line and tt, and name each line once");
+                let fault = Fault::data(what).help("sort the file by flight, line and tt; each line must appear once");
                 last.fault = Some(fault.in_line(&last.flight, &last.line).in_file(&name(last.file)));
             }
             _ => kept.push(line),
@@ -321,7 +321,7 @@ fn ingest(store: &Store, file: &FlightFile, how: &How, tick: &dyn Fn(usize)) -> 
         return Err(table.none_of(&file.path));
     }
     if lines.is_empty() {
-        return Err(Fault::data("the file holds no samples"));
+        return Err(Fault::data("the file contains no samples"));
     }
     let rows: Vec<(&str, &str, &Measure)> =
         lines.iter().flat_map(|(l, all)| all.iter().map(move |m| (l.flight.as_str(), l.line.as_str(), m))).collect();

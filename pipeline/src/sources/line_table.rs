@@ -87,7 +87,7 @@ impl LineTable {
                 // Also false for a missing time.
                 let ascends = span.start_s < span.end_s;
                 if flight.is_null(at) || line.is_null(at) || !ascends {
-                    let what = "a line needs its flight, its name, and a `t_end` after its `t_start`";
+                    let what = "a line requires a flight, a name, and a `t_end` after its `t_start`";
                     return Err(Fault::data(what).in_file(&label).in_row(row));
                 }
                 spans.entry(plain(flight.value(at)).to_owned()).or_default().push(span);
@@ -108,7 +108,7 @@ impl LineTable {
             }
         }
         if spans.is_empty() {
-            return Err(Fault::data("holds no lines").in_file(&label));
+            return Err(Fault::data("contains no lines").in_file(&label));
         }
         Ok(LineTable { label, spans })
     }
@@ -168,13 +168,13 @@ impl LineTable {
         let more = if empty.len() > NAMED { format!(" and {} more", empty.len() - NAMED) } else { String::new() };
         let named = empty.iter().take(NAMED).cloned().collect::<Vec<_>>().join(", ");
         let fault = Fault::data(format!("no sample is within the times of {named}{more}")).in_file(&self.label);
-        Err(fault.help("times are in seconds past midnight UTC, as `tt` of the flights"))
+        Err(fault.help("times must be in s past midnight UTC, like `tt` of the flights"))
     }
 
     /// What is said of a file without a sample in any line.
     pub fn none_of(&self, path: &Path) -> Fault {
         let what = format!("no sample is within a line of {}", self.label);
-        Fault::data(what).in_file(&path.display().to_string()).help("its flights, or its times, are other ones")
+        Fault::data(what).in_file(&path.display().to_string()).help("check the flights and times of the table")
     }
 }
 
@@ -234,7 +234,7 @@ fn plain(flight: &str) -> &str {
 fn found<'a>(batch: &'a RecordBatch, name: &str) -> Result<&'a ArrayRef, Fault> {
     batch.column_by_name(name).ok_or_else(|| {
         let have: Vec<String> = batch.schema().fields().iter().map(|f| f.name().clone()).collect();
-        Fault::new(format!("a table of lines needs a column `{name}`")).nearest(name, &have)
+        Fault::new(format!("a table of lines requires a column `{name}`")).nearest(name, &have)
     })
 }
 

@@ -133,15 +133,20 @@ impl Flights {
         let mut found = find(&decl.path.0, folder, any_name).map_err(|f| vec![placed(f)])?;
         let young = trust.settle.and_then(|settle| files::settled(&mut found, settle));
         if let Some(what) = young.as_ref().filter(|_| found.is_empty()) {
-            let fault = Fault::new(format!("`{}` has no file that is settled", decl.name)).help(what.clone());
+            let fault = Fault::new(format!(
+                "`{}` has no file that was unmodified for the time of \
+                                            `--settle`",
+                decl.name
+            ))
+            .help(what.clone());
             return Err(vec![placed(fault)]);
         }
         if let Some(mapped) = mapped.as_ref().filter(|_| found.len() > 1) {
             found.retain(|path| mapped.is_in(path));
             if found.is_empty() {
                 let what =
-                    format!("no file of `{}` is one of the table `{}` of the mapping", decl.path.0, mapped.name());
-                return Err(vec![placed(Fault::new(what).help("its `file` says how they are named"))]);
+                    format!("no file of `{}` belongs to the table `{}` of the mapping", decl.path.0, mapped.name());
+                return Err(vec![placed(Fault::new(what).help("check the pattern `file` of this table"))]);
             }
         }
         let mut faults = vec![];
@@ -224,7 +229,7 @@ fn merge(
             Some(known) if known.data_type() == field.data_type() => {}
             Some(known) => {
                 let what =
-                    format!("holds {}, but {} in other files of the table", field.data_type(), known.data_type());
+                    format!("contains {}, but {} in other files of the table", field.data_type(), known.data_type());
                 faults.push(Fault::data(what).in_file(&path.display().to_string()).in_column(field.name()));
             }
         }

@@ -65,7 +65,7 @@ fn options(decl: &SourceDecl) -> Result<(String, Span, Vec<String>), Vec<Fault>>
         None => (String::new(), decl.path.1.clone()),
         Some(given) => match given.value {
             Literal::Text(text) => (text, given.at),
-            _ => return Err(vec![Fault::new("`where` is a SQL condition, as a text").at(given.at)]),
+            _ => return Err(vec![Fault::new("`where` must be an SQL condition, as text").at(given.at)]),
         },
     };
     let ModelOptions { features } = model_options(&rest)?;
@@ -88,7 +88,7 @@ pub fn read(path: &Path, condition: &str) -> Result<RecordBatch, Fault> {
     let mut batches: Vec<RecordBatch> = vec![];
     for file in &files {
         let in_file = |f: Fault| f.in_file(&file.display().to_string());
-        let wrong = |e: &dyn std::fmt::Display| in_file(Fault::data(format!("it is no Parquet file: {e}")));
+        let wrong = |e: &dyn std::fmt::Display| in_file(Fault::data(format!("not a Parquet file: {e}")));
         let reader = File::open(file).map_err(|e| in_file(Fault::machine(e.to_string())))?;
         let reader = ParquetRecordBatchReaderBuilder::try_new(reader).map_err(|e| wrong(&e))?;
         for batch in reader.build().map_err(|e| wrong(&e))? {
@@ -96,10 +96,10 @@ pub fn read(path: &Path, condition: &str) -> Result<RecordBatch, Fault> {
         }
     }
     let Some(first) = batches.first() else {
-        return Err(Fault::data(format!("{} holds no rows of a model", path.display())));
+        return Err(Fault::data(format!("{} contains no rows of a model", path.display())));
     };
     let whole = concat_batches(&first.schema(), &batches)
-        .map_err(|_| Fault::data(format!("the files of {} have other columns than each other", path.display())))?;
+        .map_err(|_| Fault::data(format!("the files of {} have different columns", path.display())))?;
     let rows = selected(&whole, condition)?;
     one_model(&rows, path)?;
     Ok(rows)
@@ -128,7 +128,7 @@ fn plain(batch: &RecordBatch) -> Result<RecordBatch, Fault> {
     }
     for (name, kind) in [(TERM, DataType::Utf8), (VALUE, DataType::Float64)] {
         if !fields.iter().any(|field| field.name() == name && *field.data_type() == kind) {
-            let what = format!("it is not the table of a `fit`: it has no column `{name}` of {kind}");
+            let what = format!("not the table of a `fit`: it has no column `{name}` of {kind}");
             return Err(Fault::data(what));
         }
     }
@@ -155,13 +155,13 @@ fn one_model(rows: &RecordBatch, path: &Path) -> Result<(), Fault> {
     let terms: Option<&StringArray> = rows.column_by_name(TERM).and_then(|terms| terms.as_string_opt());
     let terms = terms.ok_or_else(|| Fault::bug("a model without terms"))?;
     if terms.is_empty() {
-        return Err(Fault::data(format!("no row of {} is selected", path.display())));
+        return Err(Fault::data(format!("`where` selects no row of {}", path.display())));
     }
     let mut names: Vec<&str> = terms.iter().map(Option::unwrap_or_default).collect();
     names.sort_unstable();
     if names.windows(2).any(|pair| pair[0] == pair[1]) {
-        let fault = Fault::data(format!("{} holds several models", path.display()));
-        return Err(fault.help("choose one by its axes, such as `where = \"mag = 'mag_4_uc'\"`"));
+        let fault = Fault::data(format!("{} contains several models", path.display()));
+        return Err(fault.help("select one by its axes, such as `where = \"mag = 'mag_4_uc'\"`"));
     }
     if names.contains(&"") {
         return Err(Fault::data(format!("a term of {} has no name", path.display())));
@@ -209,12 +209,12 @@ mod tests {
         let first = values("lambda < 0.1");
         assert!(first[0] == 1.0 && first[1].is_nan(), "a missing number is no zero: {first:?}");
         let why = |condition: &str| read(&path, condition).unwrap_err().what;
-        assert!(why("").ends_with("holds several models"), "{}", why(""));
-        assert!(why("lambda = 7").contains("no row of"), "{}", why("lambda = 7"));
+        assert!(why("").ends_with("contains several models"), "{}", why(""));
+        assert!(why("lambda = 7").contains("selects no row of"), "{}", why("lambda = 7"));
         assert!(why("lamda = 7").contains("lamda"), "{}", why("lamda = 7"));
         write(&path, vec![Some("x"), None], vec![Some(1.0), Some(2.0)], vec![0.0; 2]);
         assert!(why("").contains("has no name"), "{}", why(""));
         std::fs::write(&path, b"PAR1 and no more").unwrap();
-        assert!(why("").contains("no Parquet file"), "{}", why(""));
+        assert!(why("").contains("not a Parquet file"), "{}", why(""));
     }
 }

@@ -13,24 +13,24 @@ use super::{
 use crate::spec::SourceDecl;
 
 params! {
-    /// What the columns of a log mean.
+    /// The mapping and the lines of a log.
     pub struct MappingOptions, all default;
-    /// The mapping that says what the columns of the files mean: a TOML file, or the name of a ready one, such as
-    /// `px4_ulog`. It takes the place of `rename`, `units` and `topic`.
-    mapping: Option<String>, unit "", default None, absent "columns mean what their names say";
+    /// The mapping of the columns: a TOML file, or the name of a built-in mapping such as `px4_ulog`. It replaces
+    /// `rename`, `units` and `topic`.
+    mapping: Option<String>, unit "", default None, absent "columns are identified by their names";
     /// The table of the mapping.
-    table: Option<String>, unit "", default None, absent "the only one";
-    /// A table of `flight`, `line`, `t_start` and `t_end` (seconds past midnight UTC): a sample is in the line that has its
-    /// time, and left out where none has. Takes the place of the files' own lines. `auto` finds lines in each flight:
-    /// straight lines and tie lines, calibration boxes, cloverleafs, figures of eight and circles; `magline ingest
-    /// --lines auto --picture lines.svg` shows them and writes the table.
+    table: Option<String>, unit "", default None, absent "the only table";
+    /// A table of `flight`, `line`, `t_start` and `t_end` (s past midnight UTC) that replaces the lines in the files. A
+    /// sample belongs to the line that contains its time; samples outside all lines are dropped. `auto` finds the lines
+    /// of each flight: straight lines and tie lines, calibration boxes, cloverleafs, figures of eight and circles.
+    /// `magline ingest --lines auto --picture lines.svg` draws them and writes the table.
     lines: Option<String>, unit "", default None, absent "the lines of the files";
 }
 
 params! {
-    /// The table of a model, besides `where`: a SQL condition on its columns that selects one model where it holds several.
+    /// The table of a model, besides `where`: an SQL condition on its columns that selects one model of several.
     pub struct ModelOptions, all default;
-    /// The columns that a line must have for the model to be applied, as the `features` of its fit.
+    /// The columns that the model requires in a line, as the `features` of its fit.
     features: Vec<String>, unit "", default ["tl"].map(String::from);
 }
 
@@ -71,7 +71,7 @@ pub fn flight_options(decl: &SourceDecl, folder: &Path) -> Result<Files, Vec<Fau
     let said = |key: &str| decl.options.get(key);
     let at = |fault: Fault, key: &str| said(key).map_or(fault.clone(), |given| fault.at(given.at.clone()));
     if options.epsg.is_some() && options.format.as_deref() != Some("points") {
-        let fault = Fault::new("`epsg` applies to survey points only: say `format = \"points\"`");
+        let fault = Fault::new("`epsg` applies only to survey points; set `format = \"points\"`");
         return Err(vec![at(fault, "epsg")]);
     }
     let lines = lines.map(|name| division(&name, folder)).transpose();
@@ -81,7 +81,7 @@ pub fn flight_options(decl: &SourceDecl, folder: &Path) -> Result<Files, Vec<Fau
         options.line.get_or_insert_with(|| WHOLE.to_owned());
     }
     let Some(name) = mapping else {
-        let fault = || Fault::new("`table` names the table of a mapping").help("say `mapping` too");
+        let fault = || Fault::new("`table` requires `mapping`").help("set `mapping`, or remove `table`");
         return if table.is_some() {
             Err(vec![at(fault(), "table")])
         } else {
@@ -92,7 +92,7 @@ pub fn flight_options(decl: &SourceDecl, folder: &Path) -> Result<Files, Vec<Fau
         .into_iter()
         .filter_map(|key| said(key).map(|given| (key, given)))
         .map(|(key, given)| {
-            let fault = Fault::new(format!("with a `mapping`, `{key}` says nothing: the mapping does"));
+            let fault = Fault::new(format!("`{key}` cannot be combined with `mapping`; set it in the mapping"));
             fault.at(given.key_at.clone())
         })
         .collect();

@@ -257,7 +257,7 @@ fn impossible(
     let mut what =
         format!("{} is not {} ({} to {})", unit_of(value), limits.kind.noun(), shown(limits.low), unit_of(limits.high));
     if outside.n > 1 {
-        what += &format!(", nor are {} of {} values", outside.n, finite);
+        what += &format!("; this applies to {} of {} values", outside.n, finite);
     }
     // One wrong value among many is not a unit error.
     let common = 2 * outside.n > finite;
@@ -280,17 +280,17 @@ fn described(name: &str, likely: &Likely, origins: &Origins) -> String {
                 }
                 _ => origins.units(&[name], unit),
             };
-            format!("in {unit} it would be {} {ours}: {units}", shown(*value))
+            format!("if the value is in {unit}, it is {} {ours}: {units}", shown(*value))
         }
         Likely::DegreesMinutes(value) => {
-            format!("as degrees and minutes (NMEA ddmm.mm) it would be {} deg: convert the column", shown(*value))
+            format!("as degrees and minutes (NMEA ddmm.mm) it is {} deg; convert the column", shown(*value))
         }
         Likely::GpsWeek(day, second) => format!(
-            "as seconds of a GPS week it would be {} s of day {day}: `tt` is seconds past midnight UTC",
+            "as seconds of a GPS week it is {} s of day {day}; `tt` must be in s past midnight UTC",
             shown(*second)
         ),
         Likely::Unix(second) => {
-            format!("as Unix time it would be {} s of the day: `tt` is seconds past midnight UTC", shown(*second))
+            format!("as Unix time it is {} s of the day; `tt` must be in s past midnight UTC", shown(*second))
         }
     }
 }
@@ -299,13 +299,17 @@ fn described(name: &str, likely: &Likely, origins: &Origins) -> String {
 fn guessed(kind: Kind, value: f64) -> Option<String> {
     let digits = value.abs().to_string();
     if digits.len() >= 3 && digits.bytes().all(|b| b == b'9') {
-        return Some(format!("if {value} marks a missing value, set `missing = [\"{value}\"]`"));
+        return Some(format!("if {value} represents a missing value, set `missing = [\"{value}\"]`"));
     }
     match kind {
         Kind::Variation | Kind::Anomaly if (15_000.0..80_000.0).contains(&value) => {
-            Some("it looks like a total field: subtract its mean or the core field".to_owned())
+            Some("it is probably a total field; subtract its mean or the core field".to_owned())
         }
-        Kind::Year if (0.0..100.0).contains(&value) => Some(format!("the year in full is {}", 2000.0 + value)),
+        Kind::Year if (0.0..100.0).contains(&value) => Some(format!(
+            "write the year with four digits, \
+            {}",
+            2000.0 + value
+        )),
         _ => None,
     }
 }

@@ -63,7 +63,7 @@ fn one(name: &str, value: &Spanned<DeValue>) -> Result<Literal, Fault> {
     let Some(items) = value.get_ref().as_array() else { return Ok(found) };
     let deeper = items.iter().find(|v| v.get_ref().is_array());
     match deeper {
-        Some(v) => Err(Fault::new(format!("a value of the axis `{name}` cannot hold a list of lists")).at(v.span())),
+        Some(v) => Err(Fault::new(format!("a value of the axis `{name}` cannot contain a list of lists")).at(v.span())),
         None => Ok(found),
     }
 }
@@ -93,11 +93,11 @@ fn subsets(name: &str, table: &DeTable, at: std::ops::Range<usize>) -> Result<Ve
     }
     let entries = match table.get("subsets_of").map(|v| (v, v.get_ref().as_array())) {
         Some((v, Some(items))) if items.is_empty() => {
-            Err(Fault::new(format!("the axis `{name}` has nothing to make subsets of")).at(v.span()))
+            Err(Fault::new(format!("`subsets_of` of the axis `{name}` is empty")).at(v.span()))
         }
         Some((_, Some(items))) => items.iter().map(|v| one(name, v)).collect::<Result<Vec<Literal>, Fault>>(),
         Some((v, None)) => Err(Fault::new("`subsets_of` must be a list").at(v.span())),
-        None => Err(Fault::new(format!("the axis `{name}` needs `subsets_of`, a list")).at(at.clone())),
+        None => Err(Fault::new(format!("the axis `{name}` requires `subsets_of`, a list")).at(at.clone())),
     };
     let entries = entries.map_err(|f| faults.push(f)).unwrap_or_default();
     let n = entries.len();
@@ -113,7 +113,7 @@ fn subsets(name: &str, table: &DeTable, at: std::ops::Range<usize>) -> Result<Ve
     };
     let (least, most) = (count("at_least", 1), count("up_to", n));
     if faults.is_empty() && least > most {
-        faults.push(Fault::new(format!("`at_least` is {least}, more than `up_to`, {most}")).at(at.clone()));
+        faults.push(Fault::new(format!("`at_least` is {least}, but `up_to` is only {most}")).at(at.clone()));
     }
     if faults.is_empty() {
         let of = |k: usize| binomial(n as u128, k as u128);
@@ -125,7 +125,10 @@ fn subsets(name: &str, table: &DeTable, at: std::ops::Range<usize>) -> Result<Ve
             let number = many.map_or("more than 10^30".to_owned(), |m| m.to_string());
             let fault =
                 Fault::new(format!("the axis `{name}` would have {number} values: subsets of {n} entries")).at(at);
-            let help = format!("at most {MOST_VALUES}, of {MOST_ENTRIES} entries in all: take a smaller `up_to`");
+            let help = format!(
+                "at most {MOST_VALUES} values with {MOST_ENTRIES} entries in total are permitted: use \
+                                a smaller `up_to`"
+            );
             faults.push(fault.help(help));
         }
     }
@@ -224,11 +227,11 @@ mod tests {
         let says = |toml, what: &str, at: &str| assert_eq!(fault(toml), (what.to_owned(), at.to_owned()));
         says("['tl', ['tl', 'x']]", "the axis `mags` mixes a text with a list", "['tl', 'x']");
         says("[['a', 'b'], ['a+b']]", "the axis `mags` has the value `a+b` twice", "['a+b']");
-        says("[['a', ['b']]]", "a value of the axis `mags` cannot hold a list of lists", "['b']");
+        says("[['a', ['b']]]", "a value of the axis `mags` cannot contain a list of lists", "['b']");
         says("{ subset_of = ['a'] }", "the axis `mags` has no key `subset_of`", "subset_of");
         says("{ subsets_of = ['a'], up_to = 2 }", "`up_to` must be a whole number from 0 to 1", "2");
         says("{ subsets_of = 'a' }", "`subsets_of` must be a list", "'a'");
-        says("{ subsets_of = [] }", "the axis `mags` has nothing to make subsets of", "[]");
+        says("{ subsets_of = [] }", "`subsets_of` of the axis `mags` is empty", "[]");
         says("[]", "the axis `mags` has no values", "[]");
     }
 }

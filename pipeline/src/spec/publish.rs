@@ -8,18 +8,18 @@ use schemas::{Args, Fault, Lists, Literal, Reader, Rule, Section, Sections, Valu
 use crate::clock;
 
 params! {
-    /// An author: a person by `given` and `family`, a body by `name`.
+    /// An author: a person with `given` and `family`, or an organisation with `name`.
     pub struct Author;
-    /// The name of a body, such as an institute, or of a person whose name has no two parts.
+    /// The name of an organisation, or of a person with a single name.
     name: Option<String>, unit "", default None, absent "`given` and `family`";
     /// The given names of a person.
     given: Option<String>, unit "", default None, absent "`name`";
     /// The family name of a person.
     family: Option<String>, unit "", default None, absent "`name`";
     /// The person's ORCID, such as `0000-0002-1825-0097`.
-    orcid: Option<String>, unit "", default None, absent "not given";
-    /// The institute the author works at.
-    affiliation: Option<String>, unit "", default None, absent "not given";
+    orcid: Option<String>, unit "", default None, absent "none";
+    /// The institution of the author.
+    affiliation: Option<String>, unit "", default None, absent "none";
 }
 
 impl Author {
@@ -33,20 +33,20 @@ impl Author {
 }
 
 params! {
-    /// What a published data set says of itself: the table `[publish]` of a spec.
+    /// The metadata of a published set: the table `[publish]` of a spec.
     pub struct PublishFacts;
     /// The title of the data set.
     title: String, unit "";
-    /// What it holds and what it is for, in a few sentences.
+    /// The content and purpose of the data set, in a few sentences.
     description: String, unit "";
     /// The authors, in the order of the citation: `[[publish.authors]]` with `given` and `family`, or `name`.
     authors: Sections<Author>, unit "";
     /// The licence as an SPDX identifier, such as `CC-BY-4.0`, or another name with `licence_url`.
     licence: String, unit "";
     /// The address of the licence's text.
-    licence_url: Option<String>, unit "", default None, absent "that of the SPDX identifier";
-    /// The file with the text of the licence, in the spec's folder; its text becomes the file `LICENSE`.
-    licence_file: Option<String>, unit "", default None, absent "the name and address of the licence stand there";
+    licence_url: Option<String>, unit "", default None, absent "the address of the SPDX identifier";
+    /// The file with the text of the licence, in the spec's folder. Its text becomes the file `LICENSE`.
+    licence_file: Option<String>, unit "", default None, absent "`LICENSE` has the name and address of the licence";
     /// The date of publication, `YYYY-MM-DD`.
     date: String, unit "";
     /// An address for questions: e-mail or web.
@@ -54,22 +54,22 @@ params! {
     /// The version of the data set, `MAJOR.MINOR.PATCH`.
     version: String, unit "", default "1.0.0";
     /// The DOI, such as `10.5281/zenodo.1234567`.
-    doi: Option<String>, unit "", default None, absent "not given";
+    doi: Option<String>, unit "", default None, absent "none";
     /// The address of the data set's page.
-    url: Option<String>, unit "", default None, absent "that of the DOI";
-    /// Words to find it by.
+    url: Option<String>, unit "", default None, absent "the address of the DOI";
+    /// Keywords.
     keywords: Vec<String>, unit "", default Vec::<String>::new();
-    /// Whether the input files are copied into the data set, so that it can be computed again from itself. Their licences
-    /// must allow that.
+    /// Whether to copy the input files into the published set, so that it can be recomputed from its own files. Their
+    /// licences must permit that.
     include_inputs: bool, unit "", default false;
-    /// For the datasheet: why the data were recorded.
-    motivation: Option<String>, unit "", default None, absent "not said";
-    /// For the datasheet: how, where and with what they were recorded.
-    collection: Option<String>, unit "", default None, absent "not said";
-    /// For the datasheet: what they can be used for, and what not.
-    uses: Option<String>, unit "", default None, absent "not said";
+    /// For the datasheet: the purpose of the data.
+    motivation: Option<String>, unit "", default None, absent "not provided";
+    /// For the datasheet: the method, place and equipment of the recording.
+    collection: Option<String>, unit "", default None, absent "not provided";
+    /// For the datasheet: suitable and unsuitable uses.
+    uses: Option<String>, unit "", default None, absent "not provided";
     /// For the datasheet: known faults and limits.
-    limits: Option<String>, unit "", default None, absent "not said";
+    limits: Option<String>, unit "", default None, absent "not provided";
 }
 
 /// What must be written where the table is missing.
@@ -131,18 +131,28 @@ fn wrong(facts: &PublishFacts) -> Vec<(&'static str, Fault)> {
         let whole = author.name.is_some() && author.given.is_none() && author.family.is_none();
         let parts = author.name.is_none() && author.given.is_some() && author.family.is_some();
         if !whole && !parts {
-            let what = "an author has either a `name` or both `given` and `family`".to_owned();
-            push("authors", what, "a person is `given = \"Ada\"`, `family = \"Lovelace\"`; a body is `name = \"...\"`");
+            let what = "an author requires either `name`, or both `given` and `family`".to_owned();
+            push(
+                "authors",
+                what,
+                "write a person as `given = \"Ada\"`, `family = \"Lovelace\"`, and an organisation \
+                                   as `name = \"...\"`",
+            );
         }
         if let Some(orcid) = author.orcid.as_ref().filter(|o| !is_orcid(o)) {
-            push("authors", format!("`{orcid}` is not an ORCID"), "its last character is a checksum of the others");
+            push(
+                "authors",
+                format!("`{orcid}` is not an ORCID"),
+                "check for a typing error: the last character is a \
+                checksum of the others",
+            );
         }
     }
     if let Some(doi) = facts.doi.as_ref().filter(|d| !is_doi(d)) {
         push(
             "doi",
             format!("`{doi}` is not a DOI"),
-            "write it as `10.5281/zenodo.1234567`, without an address before it",
+            "write it as `10.5281/zenodo.1234567`, without a web address before it",
         );
     }
     for (key, url) in [("url", &facts.url), ("licence_url", &facts.licence_url)] {
@@ -237,17 +247,18 @@ impl Value for Restricted {
 }
 
 params! {
-    /// What must not be published of a table of files: keys of `[tables.NAME]` beside those of its format.
+    /// Publication restrictions of a table of files: keys of `[tables.NAME]`, in addition to the keys of its format.
     pub struct Protection, all default;
-    /// `true` for the whole table, or the names of columns. `magline publish` refuses what is made from them row by row.
+    /// `true` for the whole table, or the names of columns. `magline publish` rejects results made from them row by
+    /// row.
     restricted: Restricted, unit "", default Restricted::None;
-    /// The day from which they may be published, `YYYY-MM-DD`; alone, it is of the whole table.
-    embargo: Option<String>, unit "", default None, absent "never, where something is restricted";
-    /// Why, for the message and the data set that includes them all the same.
-    reason: Option<String>, unit "", default None, absent "not said";
-    /// Least number of samples behind each published score or coefficient that is computed from restricted columns.
+    /// The first day of permitted publication, `YYYY-MM-DD`. Without `restricted`, it applies to the whole table.
+    embargo: Option<String>, unit "", default None, absent "no end of the restriction";
+    /// The reason, for messages and for a published set with `--include-restricted`.
+    reason: Option<String>, unit "", default None, absent "no reason";
+    /// Minimum number of samples behind each published score or coefficient that is computed from restricted columns.
     least_samples: usize, unit "1", default 100usize, rule Rule::Between(2.0, 1e9);
-    /// Least number of samples for each published number of one aggregate: scores of a line, coefficients of a model.
+    /// Minimum number of samples per published number of one aggregate: scores of a line, coefficients of a model.
     least_ratio: f64, unit "1", default 10.0, rule Rule::Between(1.0, 1e9);
 }
 
@@ -270,13 +281,13 @@ impl Protection {
             faults.push(place("embargo", fault));
         }
         if own.contains_key("reason") && read.embargo.is_none() && read.restricted == Restricted::None {
-            let fault = Fault::new(format!("`reason` of `{table}` is the reason of nothing"));
-            faults.push(place("reason", fault.help("add `restricted` or `embargo`, or remove it")));
+            let fault = Fault::new(format!("`reason` of `{table}` has no effect: nothing is restricted"));
+            faults.push(place("reason", fault.help("add `restricted` or `embargo`, or remove this key")));
         }
         let lone = own.keys().find(|k| k.starts_with("least_"));
         if let Some(key) = lone.filter(|_| read.embargo.is_none() && read.restricted == Restricted::None) {
             let fault = Fault::new(format!("`{key}` of `{table}` has no effect: nothing is restricted"));
-            faults.push(place(key, fault.help("add `restricted` or `embargo`, or remove it")));
+            faults.push(place(key, fault.help("add `restricted` or `embargo`, or remove this key")));
         }
         if faults.is_empty() { Ok(read) } else { Err(faults) }
     }
@@ -321,7 +332,7 @@ mod tests {
         let slips = [
             ("2026-02-28", "2026-02-29", "`2026-02-29` is not a date"),
             ("0097", "0098", "`0000-0002-1825-0098` is not an ORCID"),
-            ("family = \"B\", ", "", "an author has either a `name` or both `given` and `family`"),
+            ("family = \"B\", ", "", "an author requires either `name`, or both `given` and `family`"),
             ("licence", "license", "`publish` needs `licence`"),
             ("title = \"t\"\n", "", "`publish` needs `title`"),
             ("contact = \"a@b.c\"", "contact = \" \"", "`contact` is empty"),

@@ -25,23 +25,23 @@ const OWN_KEYS: [&str; 3] = ["axes", "where", "halving"];
 const TAKEN: [&str; 7] = [TRIAL, "generation", "rung", "goal", "state", "error", "lines"];
 
 choice! {
-    /// How trials are proposed.
+    /// The method that proposes trials.
     pub enum MethodName {
         /// Uniformly at random.
         Random = "random",
-        /// Sobol's sequence, which fills the space more evenly.
+        /// Sobol sequence, which fills the space more evenly.
         Sobol = "sobol",
-        /// The tree-structured Parzen estimator: where good trials are dense and the others are not.
+        /// Tree-structured Parzen estimator, which prefers regions with a high density of good trials.
         Tpe = "tpe",
     }
 }
 
 choice! {
-    /// Which values of the goal are good.
+    /// The direction of improvement of the goal.
     pub enum Direction {
-        /// Small ones.
+        /// Smaller values are better.
         Minimise = "minimise",
-        /// Large ones.
+        /// Larger values are better.
         Maximise = "maximise",
     }
 }
@@ -49,22 +49,22 @@ choice! {
 params! {
     /// The table `[search]` of a spec.
     pub struct SearchKeys;
-    /// How trials are proposed.
+    /// The method that proposes trials.
     method: MethodName, unit "", default MethodName::Tpe;
     /// The number of trials.
     trials: usize, unit "", rule Rule::Between(1.0, MOST_TRIALS);
-    /// What is to be made best: a table of scores and a metric of it, such as `scores.std_error`. The values of the lines
-    /// are pooled as in the summary of a run, over all points of the other axes.
+    /// The objective: a table of scores and one of its metrics, such as `scores.std_error`. The values of the lines are
+    /// pooled as in the summary of a run, over all points of the other axes.
     goal: String, unit "";
-    /// Which values of the goal are good.
-    direction: Option<Direction>, unit "", default None, absent "what the metric says";
-    /// The seed of all draws.
+    /// The direction of improvement of the goal.
+    direction: Option<Direction>, unit "", default None, absent "the direction of the metric";
+    /// The seed of all random draws.
     seed: Option<usize>, unit "", default None, absent "the spec's seed";
-    /// For `tpe`: the number of trials that are proposed together, before their scores are known.
+    /// For `tpe`: the number of trials that are proposed together, before any of their scores is available.
     generation: Option<usize>, unit "", default None, absent "8", rule Rule::Between(1.0, MOST_TRIALS);
-    /// For `tpe`: the number of trials of a Sobol sequence that it starts from.
+    /// For `tpe`: the number of initial trials from a Sobol sequence.
     start: Option<usize>, unit "", default None, absent "10", rule Rule::Between(1.0, MOST_TRIALS);
-    /// For `sobol`: whether the sequence is scrambled by the seed. As it is, it begins at the lower ends.
+    /// For `sobol`: whether the seed scrambles the sequence. An unscrambled sequence begins at the lower ends.
     scramble: Option<bool>, unit "", default None, absent "true";
 }
 
@@ -75,7 +75,7 @@ params! {
     low: f64, unit "", rule Rule::Finite;
     /// The upper end.
     high: f64, unit "", rule Rule::Finite;
-    /// Whether equal ratios count alike, rather than equal differences.
+    /// Whether the axis is logarithmic.
     log: bool, unit "", default false;
     /// Whether the values are whole numbers, both ends included.
     whole: bool, unit "", default false;
@@ -84,9 +84,9 @@ params! {
 params! {
     /// Successive halving.
     struct HalvingKeys;
-    /// The axis of what a trial costs, such as the epochs of a training: another column of the trials.
+    /// The axis of the cost of a trial, such as the epochs of a training. It is another column of the trials.
     axis: String, unit "";
-    /// One trial of so many goes on to the next rung.
+    /// The reduction factor: one of `eta` trials is promoted to the next rung.
     eta: usize, unit "", default 3usize, rule Rule::Between(2.0, 1000.0);
 }
 
@@ -103,7 +103,7 @@ pub struct Search {
     pub trials: usize,
     /// How many of them are proposed together.
     pub generation: usize,
-    /// The seed of all draws.
+    /// The seed of all random draws.
     pub seed: u64,
     /// The table of scores that the goal is in.
     pub table: String,
@@ -130,7 +130,7 @@ pub struct Halving {
     pub at: Span,
     /// Its values, the cheapest first.
     pub values: Vec<Literal>,
-    /// One trial of so many goes on to the next rung.
+    /// The reduction factor: one of `eta` trials is promoted to the next rung.
     pub eta: usize,
 }
 
@@ -198,12 +198,15 @@ impl Search {
 /// Every key of `[search]`, in Markdown.
 pub fn reference() -> String {
     let lists = Lists::default();
-    let mut text = "# A search\n\nThe axes of `[search.axes]` are searched rather than listed: a trial is one value of each of them, and \
-                    stages mention them as they do listed ones, `\"$lambda\"`. Every table that depends on one has the column `trial` \
-                    and one for each axis; the table `trials` has the goal of each. An axis is a list, of which one is chosen, or a \
-                    table of two ends. `where` in `[search]` is a SQL predicate on `flight` and `line`: the lines that the goal is of. \
-                    `values` of `halving` are those of its axis, the cheapest first: every trial of a generation is run with the \
-                    first, and the best 1/`eta` of them with the next.\n"
+    let mut text = "# A search\n\nA search proposes the values of the axes in `[search.axes]`. A trial has one value \
+                    of \
+                    each axis. Stages use these axes like listed ones: `\"$lambda\"`. Every table that depends on a \
+                    searched axis has the column `trial` and one column for each axis. The table `trials` has the goal \
+                    of each trial. An axis is a list of choices or a table with two ends. `where` in `[search]` is an \
+                    SQL predicate on `flight` and `line` that selects the lines of the goal. `values` of `halving` are \
+                    the values of its axis, the cheapest first. Every trial of a generation is run with the first \
+                    value, \
+                    and the best 1/`eta` of them with the next value.\n"
         .to_owned();
     let groups = [
         ("[search]", SearchKeys::docs(&lists)),
@@ -248,7 +251,7 @@ pub fn read(value: &Spanned<DeValue>, seed: u64, listed: &[Axis]) -> Result<Sear
         Some((table, metric)) if !table.is_empty() && !metric.is_empty() => Some((table.to_owned(), metric.to_owned())),
         _ => {
             let fault = Fault::new(format!("`goal` cannot be `{}`", k.goal)).at(at("goal"));
-            faults.push(fault.help("name a table of scores and a metric: `scores.std_error`"));
+            faults.push(fault.help("give a table of scores and a metric, such as `scores.std_error`"));
             None
         }
     });
@@ -269,8 +272,12 @@ pub fn read(value: &Spanned<DeValue>, seed: u64, listed: &[Axis]) -> Result<Sear
         }
     });
     if axes.len() > MOST_DIMENSIONS && !matches!(method, Some(Method::Random)) {
-        let what = format!("{} axes are searched; the Sobol sequence has {MOST_DIMENSIONS}", axes.len());
-        faults.push(Fault::new(what).at(value.span()).help("search fewer, or write `method = \"random\"`"));
+        let what = format!(
+            "{} axes are searched, but the Sobol sequence supports at most \
+                            {MOST_DIMENSIONS}",
+            axes.len()
+        );
+        faults.push(Fault::new(what).at(value.span()).help("search fewer axes, or set `method = \"random\"`"));
     }
     let (Some(keys), Some(method), Some((goal_table, metric))) = (keys, method, goal) else { return Err(faults) };
     let generation = match keys.method {
@@ -301,21 +308,21 @@ fn clashes(search: &Search, listed: &[Axis]) -> Vec<Fault> {
     let mut faults = vec![];
     let mut push = |what: String, at: &Span, help: &str| faults.push(Fault::new(what).at(at.clone()).help(help));
     if let Some(axis) = listed.iter().find(|a| a.name == TRIAL) {
-        let what = format!("the axis `{TRIAL}` has the name of the column of a search's trials");
-        push(what, &axis.at, "give it another name");
+        let what = format!("the axis `{TRIAL}` has the name of the column of trials");
+        push(what, &axis.at, "rename the axis");
     }
     for (name, at) in search.columns().into_iter().skip(1) {
         if listed.iter().any(|a| a.name == name) {
-            push(format!("the axis `{name}` is both searched and listed in `[axes]`"), at, "remove one of the two");
+            push(format!("the axis `{name}` is both searched and listed in `[axes]`"), at, "remove one of them");
         }
         if TAKEN.contains(&name) {
             let what = format!("the axis `{name}` has the name of a column of the table of trials");
-            push(what, at, "give it another name");
+            push(what, at, "rename the axis");
         }
     }
     if let Some(h) = search.halving.as_ref().filter(|h| search.axes.iter().any(|a| a.name == h.axis)) {
         let what = format!("the axis `{}` of `halving` is also searched", h.axis);
-        push(what, &h.at, "its values are the rungs; remove it from the searched axes");
+        push(what, &h.at, "its values are the rungs; remove it from `[search.axes]`");
     }
     faults
 }
@@ -324,7 +331,10 @@ fn clashes(search: &Search, listed: &[Axis]) -> Vec<Fault> {
 fn halving(value: &Spanned<DeValue>) -> Result<Halving, Vec<Fault>> {
     let Some(table) = value.get_ref().as_table() else {
         let fault = Fault::new("`halving` must be a table").at(value.span());
-        return Err(vec![fault.help("such as `halving = { axis = \"epochs\", values = [10, 30, 90], eta = 3 }`")]);
+        return Err(vec![fault.help(
+            "write for example `halving = { axis = \"epochs\", values = [10, 30, 90], eta = 3 \
+                                    }`",
+        )]);
     };
     let mut section = Section::of(table, value.span())?;
     section.keys.remove("values");
@@ -338,14 +348,14 @@ fn halving(value: &Spanned<DeValue>) -> Result<Halving, Vec<Fault>> {
     let values = match table.get("values") {
         Some(values) => axis::values(name, values).map_err(|f| faults.extend(f)).unwrap_or_default(),
         None => {
-            let fault = Fault::new("`halving` needs `values`: those of its axis, the cheapest first");
+            let fault = Fault::new("`halving` requires `values`: the values of its axis, the cheapest first");
             faults.push(fault.at(value.span()));
             vec![]
         }
     };
     if values.len() == 1 {
-        let fault = Fault::new("`halving` has one rung, after which nothing is left to choose").at(value.span());
-        faults.push(fault.help("give two `values` at least, the cheapest first"));
+        let fault = Fault::new("`halving` requires at least two rungs").at(value.span());
+        faults.push(fault.help("give at least two `values`, the cheapest first"));
     }
     match keys {
         Some(keys) if faults.is_empty() => Ok(Halving { axis: keys.axis, at, values, eta: keys.eta }),
@@ -355,8 +365,8 @@ fn halving(value: &Spanned<DeValue>) -> Result<Halving, Vec<Fault>> {
 
 fn axes(table: &DeTable, at: Span) -> Result<Vec<Searched>, Vec<Fault>> {
     let missing = || {
-        Fault::new("`search` needs `[search.axes]`: what is searched")
-            .help("such as `lambda = { low = 1e-4, high = 1.0, log = true }`")
+        Fault::new("`search` requires `[search.axes]`, the searched axes")
+            .help("write for example `lambda = { low = 1e-4, high = 1.0, log = true }`")
     };
     let Some(value) = table.get("axes") else { return Err(vec![missing().at(at)]) };
     let Some(axes) = value.get_ref().as_table().filter(|t| !t.is_empty()) else {
@@ -388,20 +398,34 @@ fn searched(name: &str, at: Span, value: &Spanned<DeValue>) -> Result<Searched, 
     let place = |key: &str| section.keys.get(key).map_or(value.span(), |given| given.at.clone());
     if low >= high {
         faults.push(
-            Fault::new(format!("`low` of the axis `{name}` is {low}, not below `high`, {high}")).at(place("low")),
+            Fault::new(format!(
+                "`low` of the axis `{name}` is {low}; it must be below `high`, \
+                                {high}"
+            ))
+            .at(place("low")),
         );
     }
     if log && low <= 0.0 {
-        let fault = Fault::new(format!("`low` of the axis `{name}` is {low}, which has no logarithm")).at(place("low"));
-        faults.push(fault.help("raise it above 0, or remove `log`"));
+        let fault = Fault::new(format!(
+            "`low` of the axis `{name}` is {low}; with `log` it must be \
+                                        positive"
+        ))
+        .at(place("low"));
+        faults.push(fault.help("increase `low` above 0, or remove `log`"));
     }
     for (key, end) in [("low", low), ("high", high)] {
         if whole && (end.fract() != 0.0 || end.abs() >= MOST_WHOLE) {
-            faults.push(Fault::new(format!("`{key}` of the axis `{name}` is {end}, no whole number")).at(place(key)));
+            faults.push(
+                Fault::new(format!(
+                    "`{key}` of the axis `{name}` is {end}; it must be a whole \
+                                            number"
+                ))
+                .at(place(key)),
+            );
         }
     }
     if !(high - low).is_finite() {
-        faults.push(Fault::new(format!("the axis `{name}` is too wide")).at(value.span()));
+        faults.push(Fault::new(format!("the range of the axis `{name}` is too large")).at(value.span()));
     }
     if !faults.is_empty() {
         return Err(faults);

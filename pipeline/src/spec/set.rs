@@ -59,7 +59,7 @@ impl Assignment {
             },
             ["tables", table, key, ..] if PROTECTION_KEYS.contains(key) => {
                 let what = format!("`--set` cannot change `{key}` of `{table}`: a restriction belongs to the source");
-                Err(Fault::new(what).at(self.span_of(&path)).help("write it in the spec"))
+                Err(Fault::new(what).at(self.span_of(&path)).help("change it in the spec"))
             }
             ["tables", _, _, ..] => match table(root.get_mut("tables")) {
                 Some(tables) => inside(tables, &path[1..], value, "table"),
@@ -73,7 +73,7 @@ impl Assignment {
             [first, _, ..] if !TOP.contains(first) => stage(root, &path, value),
             [_, ..] => Err(Fault::new(format!("`--set` cannot set `{}`", names.join(".")))
                 .at(self.span_of(&path))
-                .help("it takes name, seed, store, axes.NAME, search.KEY, tables.NAME.KEY, publish.KEY or STAGE.PARAMETER")),
+                .help("use name, seed, store, axes.NAME, search.KEY, tables.NAME.KEY, publish.KEY or STAGE.PARAMETER")),
             [] => Err(form(&self.at)),
         }
     }
@@ -141,7 +141,7 @@ fn equals(text: &str) -> Option<usize> {
 }
 
 fn form(at: &Span) -> Fault {
-    Fault::new("`--set` takes KEY=VALUE").at(at.clone()).help("such as `seed=7` or `clean.detrend=true`")
+    Fault::new("`--set` requires KEY=VALUE").at(at.clone()).help("write for example `seed=7` or `clean.detrend=true`")
 }
 
 /// The value at `path`, if it is the only one.

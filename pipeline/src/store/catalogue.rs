@@ -333,7 +333,7 @@ pub fn units_of(text: Option<&str>) -> Result<(Key, Vec<Packed>), Trouble> {
         };
         Some((Key::parse(kind)?, lines.lines().map(unit).collect::<Option<Vec<_>>>()?))
     };
-    read().ok_or_else(|| Trouble::Damaged("what it says of its units cannot be read".to_owned()))
+    read().ok_or_else(|| Trouble::Damaged("its list of units is unreadable".to_owned()))
 }
 
 /// The units in a pack's footer.

@@ -134,8 +134,8 @@ impl Held {
     /// What a user is told of it.
     pub fn told(&self, pipeline: &str, root: &Path) -> String {
         let by = self.holder.as_ref().map(|h| format!(": {h}")).unwrap_or_default();
-        let sign = self.silent.map(|s| format!(" (last sign {} s ago)", s.as_secs())).unwrap_or_default();
-        format!("another run of `{pipeline}` is at work in {}{by}{sign}", shown(root))
+        let sign = self.silent.map(|s| format!(" (lease last renewed {} s ago)", s.as_secs())).unwrap_or_default();
+        format!("another run of `{pipeline}` holds the lock in {}{by}{sign}", shown(root))
     }
 }
 
@@ -299,9 +299,12 @@ impl Publisher {
             by.map_or_else(|| "another process".to_owned(), |h| h.to_string())
         };
         let seconds = GONE_AFTER.as_secs();
-        let what =
-            format!("the lock of `{}` was taken over by {by}, as this one gave no sign for {seconds} s", self.pipeline);
-        Err(Fault::machine(what).help("nothing is published; what was computed is kept, so run it again"))
+        let what = format!(
+            "the lock of `{}` is now held by {by}, because this run did not renew its lease for \
+             {seconds} s",
+            self.pipeline
+        );
+        Err(Fault::machine(what).help("nothing was published; finished results are stored, run the spec again"))
     }
 }
 
@@ -513,7 +516,7 @@ mod tests {
         // The one that was taken for gone comes back, takes the next number, and this one must not publish.
         foreign(folder.path(), 9, Duration::ZERO);
         let fault = taken.check().unwrap_err();
-        assert!(fault.what.contains("taken over by") && fault.what.contains("elsewhere"), "{}", fault.what);
+        assert!(fault.what.contains("now held by") && fault.what.contains("elsewhere"), "{}", fault.what);
     }
 
     #[test]

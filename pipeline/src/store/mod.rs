@@ -141,7 +141,7 @@ impl Drop for Alone<'_> {
 /// # Errors
 /// Fails for a name that no spec can have.
 pub fn pipeline_name(name: &str) -> Result<(), Fault> {
-    paths::check_name(name).map_err(|why| Fault::new(format!("`{name}` cannot be the name of a pipeline")).help(why))
+    paths::check_name(name).map_err(|why| Fault::new(format!("`{name}` is not a valid name of a pipeline")).help(why))
 }
 
 fn trouble(doing: &str, path: &Path, e: &dyn std::fmt::Display) -> Fault {
@@ -175,7 +175,7 @@ impl Store {
         };
         if !there {
             let fault = Fault::new(format!("there is no store {}", shown(root)));
-            return Err(fault.help("name its folder or address with `--store`"));
+            return Err(fault.help("give its folder or address with `--store`"));
         }
         Store::opened(root, Objects::indexed)
     }
@@ -188,7 +188,7 @@ impl Store {
             Ok(bytes) if bytes == LAYOUT.as_bytes() => true,
             Ok(bytes) if is_other_layout(&bytes) => {
                 let fault = Fault::new(format!("{} is a store of another version of magline", root.display()));
-                return Err(fault.help("name another folder as `store`"));
+                return Err(fault.help("use another folder as `store`"));
             }
             // A damaged mark is rewritten, if everything else looks like a store.
             Ok(_) => false,
@@ -202,7 +202,7 @@ impl Store {
             let strange = entries.into_iter().any(|e| !e.file_name().to_str().is_some_and(ours));
             if strange {
                 let fault = Fault::new(format!("{} is a folder, but not a magline store", root.display()));
-                return Err(fault.help("name a new or empty folder as `store`"));
+                return Err(fault.help("use a new or empty folder as `store`"));
             }
         }
         // A link may lead to a folder in which nothing is to be written or removed.

@@ -286,7 +286,7 @@ impl Objects {
             Trouble::Machine(_) => {}
         }
         Fault::machine(format!("cannot read {}: {trouble}", path.display()))
-            .help("run again: damaged results are recomputed")
+            .help("run the spec again to recompute damaged results")
     }
 
     /// The footer of a pack.
@@ -320,7 +320,7 @@ impl Objects {
         });
         found.ok_or_else(|| {
             Fault::machine(format!("the store no longer contains {key}"))
-                .help("run again: missing results are recomputed")
+                .help("run the spec again to recompute missing results")
         })
     }
 

@@ -42,12 +42,12 @@ impl Store {
     /// # Errors
     /// Fails when it is not there, damaged, or cannot be read.
     pub fn plan(&self, key: Key) -> Result<Vec<u8>, Fault> {
-        const HELP: &str = "`magline tasks` writes it, and the tasks, again";
+        const HELP: &str = "write the plan and the tasks again with `magline tasks`";
         let file = self.plan_at(key);
         self.bring(&file)?;
         let bytes = paths::read_regular(&file).map_err(|e| match e.kind() {
             io::ErrorKind::NotFound => {
-                let what = format!("the store {} does not hold the plan {key}", shown(self.root()));
+                let what = format!("the store {} does not contain the plan {key}", shown(self.root()));
                 Fault::new(what).help(HELP)
             }
             _ => trouble("read", &file, &e),

@@ -18,7 +18,7 @@ use super::{
 use crate::{cost, keys::Key, sources, views};
 
 /// The note on a damaged file that a run does not repair.
-const OLDER: &str = "; it is of an older version, which `magline gc --yes` drops";
+const OLDER: &str = "; it belongs to an older version, which `magline gc --yes` removes";
 
 /// The result of verifying a store.
 #[derive(Debug, Default)]
@@ -77,7 +77,7 @@ fn read(root: &Path, objects: &Objects, tick: &(dyn Fn(usize, usize) + Sync)) ->
             // No run publishes an older version again.
             let more = if now.as_ref() == Some(&folder) { "" } else { OLDER };
             let Some(version) = Version::open(&folder) else {
-                let why = format!("its checksum is wrong, or it leads out of the store{more}");
+                let why = format!("its checksum is wrong, or it is a link to a place outside the store{more}");
                 found.damaged.insert(folder.join("version.json"), why);
                 continue;
             };

@@ -56,7 +56,7 @@ impl Trouble {
     fn io(error: &io::Error) -> Trouble {
         match error.kind() {
             io::ErrorKind::NotFound => Trouble::Gone,
-            io::ErrorKind::UnexpectedEof => Trouble::Damaged("it is cut short".to_owned()),
+            io::ErrorKind::UnexpectedEof => Trouble::Damaged("it is truncated".to_owned()),
             // A pipe, a socket or a device.
             io::ErrorKind::InvalidInput => Trouble::Damaged(error.to_string()),
             _ => Trouble::Machine(error.to_string()),
@@ -85,7 +85,7 @@ impl Display for Trouble {
     fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
         match self {
             Trouble::Damaged(what) | Trouble::Machine(what) => f.write_str(what),
-            Trouble::Gone => f.write_str("it is gone"),
+            Trouble::Gone => f.write_str("it does not exist"),
         }
     }
 }
@@ -296,7 +296,7 @@ impl Sealed {
             }
             let (start, length) = chunk.byte_range();
             if start.checked_add(length).is_none_or(|end| end > windows.size) {
-                return Err(Trouble::damaged("it is cut short"));
+                return Err(Trouble::damaged("it is truncated"));
             }
             let mut bytes = vec![0; usize::try_from(length).map_err(Trouble::damaged)?];
             file.seek(SeekFrom::Start(start)).map_err(|e| Trouble::io(&e))?;
@@ -316,7 +316,7 @@ impl Sealed {
         match reader.next() {
             Some(Ok(batch)) if batch.num_rows() == rows && batch.num_columns() == 1 => Ok(batch.column(0).clone()),
             Some(Err(e)) => Err(Trouble::damaged(e)),
-            _ => Err(Trouble::damaged("a row group has other rows than it says")),
+            _ => Err(Trouble::damaged("the number of rows of a row group is wrong")),
         }
     }
 }
@@ -326,7 +326,7 @@ impl Sealed {
 /// # Errors
 /// Fails when the file is damaged.
 pub fn tail_text(tail: Bytes, size: u64, key: &str) -> Result<Result<Option<String>, u64>, Trouble> {
-    let cut = || Trouble::damaged("it is cut short");
+    let cut = || Trouble::damaged("it is truncated");
     let (body, end) = tail.split_last_chunk::<TAIL>().ok_or_else(cut)?;
     let ([a, b, c, d], mark) = end.split_first_chunk::<4>().ok_or_else(cut)?;
     let length = u32::from_le_bytes([*a, *b, *c, *d]) as usize;
@@ -355,7 +355,7 @@ fn text_of<'a>(metadata: &'a ArrowReaderMetadata, key: &str) -> Option<&'a str> 
 fn footer(file: &mut File) -> Result<(u64, u32), Trouble> {
     let io = |e: io::Error| Trouble::io(&e);
     let size = file.metadata().map_err(io)?.len();
-    let cut = || Trouble::damaged(if size == 0 { "it is empty" } else { "it is cut short" });
+    let cut = || Trouble::damaged(if size == 0 { "it is empty" } else { "it is truncated" });
     let back = |n: usize| i64::try_from(n).map(|n| SeekFrom::End(-n)).map_err(Trouble::damaged);
     if size < (SEAL + TAIL) as u64 {
         return Err(cut());

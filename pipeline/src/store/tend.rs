@@ -104,8 +104,8 @@ pub(super) fn is_old(path: &Path, than: Duration) -> bool {
 
 /// What `gc` ends with where the list of a newest version, which tables are read from, is damaged: any pack may be one of its own.
 pub(super) fn packs_unknown(list: &dyn std::fmt::Display, remedy: &str) -> Fault {
-    let help = format!("{remedy}: its tables are published again, and `gc` then knows what they need");
-    Fault::machine(format!("{list} is damaged: its packs are not known")).help(help)
+    let help = format!("{remedy}: its tables are published again, then run `magline gc`");
+    Fault::machine(format!("{list} is damaged, so its packs are unknown")).help(help)
 }
 
 /// Drops versions that are not the newest, and packs that no version references.

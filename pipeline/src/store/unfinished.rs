@@ -69,7 +69,7 @@ pub fn own_folder(tmp: &Path) -> io::Result<(PathBuf, File)> {
             Err(e) => return Err(e),
         }
     }
-    Err(io::Error::other("no free name"))
+    Err(io::Error::other("no unused folder name"))
 }
 
 /// Removes the folders of processes of this kernel that were killed, whose locks are free, and those of another kernel that

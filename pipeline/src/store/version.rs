@@ -320,8 +320,12 @@ impl Store {
         for table in before.iter().flat_map(|v| v.manifest.tables.iter().map(|t| v.folder.join("tables").join(&t.name)))
         {
             if fs::symlink_metadata(&table).is_ok_and(|m| m.is_symlink()) {
-                let what = format!("the folder of the table, {}, leads out of the store", table.display());
-                return Err(Fault::machine(what).help("remove the link; the table is published again"));
+                let what = format!(
+                    "the folder of the table, {}, is a link to a place outside the \
+                                    store",
+                    table.display()
+                );
+                return Err(Fault::machine(what).help("remove the link; the next run publishes the table again"));
             }
         }
         let before = before.filter(Version::has_no_link);
@@ -522,6 +526,6 @@ fn inside(root: &Path, pipeline: &str) -> Result<(), Fault> {
     if plain && real && (free || newest(root, pipeline).is_some()) {
         return Ok(());
     }
-    let what = format!("{} is not a link to a version of its tables, or leads out of the store", path.display());
-    Err(Fault::machine(what).help("move it away; the tables are published again"))
+    let what = format!("{} is not a link to a version of its tables in the store", path.display());
+    Err(Fault::machine(what).help("move it away; the next run publishes the tables again"))
 }

@@ -7,16 +7,16 @@ use crate::cost::{Cost, TableCost};
 
 /// The cost as people read it.
 pub fn table(cost: &Cost) -> String {
-    let head = ["table", "stage", "there", "to compute", "rows", "bytes", "processor", "memory"];
+    let head = ["table", "stage", "stored", "to compute", "rows", "bytes", "processor", "memory"];
     let mut rows = vec![head.map(str::to_owned).to_vec()];
     rows.extend(cost.tables.iter().map(row));
     let mut out = text::columns(&rows, 2);
     let nothing = cost.tables.iter().all(|t| t.units == 0);
     if nothing {
-        return out + "\neverything is in the store: a run computes nothing\n";
+        return out + "\nall results are in the store; a run computes nothing\n";
     }
     out += &format!(
-        "\nin all {} rows, {} in the store, {} of processor time, {} of it beside the tables\n",
+        "\ntotal: {} rows, {} in the store, {} of processor time ({} of it overhead outside the tables)\n",
         count(cost.rows()),
         bytes(cost.bytes()),
         seconds(cost.seconds()),
@@ -24,18 +24,21 @@ pub fn table(cost: &Cost) -> String {
     );
     let threads = if cost.threads == 1 { "1 thread".to_owned() } else { format!("{} threads", cost.threads) };
     out += &format!(
-        "about {} on {threads} of this machine (speed {:.2}), with {} of memory\n",
+        "estimated time: {} with {threads} on this machine (relative speed {:.2}), {} of memory\n",
         seconds(cost.clock()),
         cost.speed,
         bytes(cost.memory()),
     );
     if cost.assumed > 0 {
-        out += &format!("with {} trials whose values are assumed: a search finds them as it goes\n", cost.assumed);
+        out += &format!(
+            "the parameter values of {} trials are assumed, because the search has not chosen them yet\n",
+            cost.assumed
+        );
     }
     out += &match cost.measured {
-        0 => "by the figures that magline comes with: this store has measured no table yet\n".to_owned(),
-        1 => "by 1 table that was measured in this store, and the figures that magline comes with\n".to_owned(),
-        n => format!("by {n} tables that were measured in this store, and the figures that magline comes with\n"),
+        0 => "based on built-in measurements, because this store has no measured table\n".to_owned(),
+        1 => "based on 1 table measured in this store, and on built-in measurements\n".to_owned(),
+        n => format!("based on {n} tables measured in this store, and on built-in measurements\n"),
     };
     out
 }
@@ -43,7 +46,7 @@ pub fn table(cost: &Cost) -> String {
 fn row(t: &TableCost) -> Vec<String> {
     let mut row = vec![t.table.clone(), t.stage.clone()];
     if !t.kept {
-        row.extend(["not kept", "where needed"].map(str::to_owned));
+        row.extend(["not kept", "as required"].map(str::to_owned));
         return row;
     }
     row.extend([t.there.to_string(), t.units.to_string()]);

@@ -48,7 +48,7 @@ pub fn explain(graph: &Graph, store: &Store) -> String {
             graph.unit_count(t).saturating_mul(plan.most_points(node)) / node.len().max(1)
         };
         let all = plan.tables.iter().enumerate().map(most).fold(0, usize::saturating_add);
-        let _ = writeln!(out, "\nthe whole search has at most {all} units");
+        let _ = writeln!(out, "\nthe complete search has at most {all} units");
     }
     for note in &plan.notes {
         let _ = writeln!(out, "\nnote: {note}");
@@ -63,12 +63,12 @@ fn searched(spec: &Spec, search: &Search) -> String {
         spec.axes.get(spec.searched.start).into_iter().flat_map(|a| &a.values).map(ToString::to_string).collect();
     known.dedup();
     let together =
-        if search.generation < search.trials { format!(", {} together", search.generation) } else { String::new() };
+        if search.generation < search.trials { format!(", {} at a time", search.generation) } else { String::new() };
     let direction = search.direction.map(|d| format!(" ({})", d.word())).unwrap_or_default();
     let lines = search.predicate.as_ref().map(|(text, _)| format!(" where {text}")).unwrap_or_default();
     let _ = writeln!(
         out,
-        "search {} for {}.{}{direction}{lines}: {} trials{together}, {} of them known, seed {}",
+        "search {} for {}.{}{direction}{lines}: {} trials{together}, {} of them planned, seed {}",
         search.named.word(),
         search.table,
         search.metric,
@@ -77,7 +77,7 @@ fn searched(spec: &Spec, search: &Search) -> String {
         search.seed
     );
     if let Some(halving) = &search.halving {
-        let of = format!("1 trial of {} goes on to the next", halving.eta);
+        let of = format!("1 of {} trials is promoted to the next rung", halving.eta);
         let _ = writeln!(out, "rungs {} = {}; {of}", halving.axis, listed(&halving.values));
     }
     for axis in &search.axes {
@@ -117,7 +117,7 @@ fn table(graph: &Graph, store: &Store, t: usize, node: &TableNode, cost: Option<
         Grain::Map => String::new(),
     };
     let most = plan.most_points(node);
-    let most = if most > node.len() { format!(", at most {most} when the search is over") } else { String::new() };
+    let most = if most > node.len() { format!(", at most {most} after the search") } else { String::new() };
     let _ = writeln!(out, "  runs     {over}{most}{of}");
     if let Some((text, _)) = plan.decl(t).and_then(|d| d.predicate.as_ref()) {
         let _ = writeln!(out, "  where    {text}");
@@ -137,8 +137,8 @@ fn table(graph: &Graph, store: &Store, t: usize, node: &TableNode, cost: Option<
     let _ = writeln!(out, "  {verb}  {}", made.join(", "));
     let units = graph.unit_count(t);
     let there = graph.units(t).filter(|u| graph.key(*u).is_ok_and(|k| store.has(k))).count();
-    let price = cost.map(|(n, s)| format!("; {:.3} s each when last computed", s / n as f64)).unwrap_or_default();
-    let _ = writeln!(out, "  store    {there} of {units} are there, {} to compute{price}", units - there);
+    let price = cost.map(|(n, s)| format!("; {:.3} s each in the last run", s / n as f64)).unwrap_or_default();
+    let _ = writeln!(out, "  store    {there} of {units} stored, {} to compute{price}", units - there);
     out
 }
 

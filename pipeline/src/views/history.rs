@@ -148,7 +148,7 @@ fn names(root: &Path) -> Vec<String> {
 pub fn table(root: &Path, pipeline: Option<&str>) -> Result<String, Fault> {
     let all = names(root);
     if let Some(name) = pipeline.filter(|p| !all.iter().any(|n| n == p)) {
-        return Err(Fault::new(format!("no run of `{name}` is known")).nearest(name, &all));
+        return Err(Fault::new(format!("the store has no run of `{name}`")).nearest(name, &all));
     }
     let head = ["run", "time", "id", "tables", "computed", "reused", "failed", "skipped", "seconds", "magline"];
     let mut rows = vec![head.map(str::to_owned).to_vec()];
@@ -171,13 +171,16 @@ pub fn between(root: &Path, pipeline: &str, a: u64, b: u64) -> Result<String, Fa
     let all = past(root, pipeline);
     let open = |number: u64| -> Result<Snapshot, Fault> {
         let known = || all.iter().map(|p| p.number.to_string()).collect::<Vec<_>>();
-        let no =
-            || Fault::new(format!("no run {number} of `{pipeline}` is known")).nearest(&number.to_string(), &known());
+        let no = || {
+            Fault::new(format!("the store has no run {number} of `{pipeline}`")).nearest(&number.to_string(), &known())
+        };
         let past = all.iter().find(|p| p.number == number).ok_or_else(no)?;
         let bytes = paths::read_regular(&root.join("runs").join(&past.snapshot));
         let snapshot = bytes.ok().filter(|b| format!("{}.json", Key::of([b])) == past.snapshot);
         let snapshot = snapshot.and_then(|b| serde_json::from_slice(&b).ok());
-        snapshot.ok_or_else(|| Fault::machine(format!("the inputs of run {number} of `{pipeline}` are lost")))
+        snapshot.ok_or_else(|| {
+            Fault::machine(format!("the record of the inputs of run {number} of `{pipeline}` is missing"))
+        })
     };
     let (one, other) = (open(a)?, open(b)?);
     let mut text = String::new();
@@ -189,7 +192,7 @@ pub fn between(root: &Path, pipeline: &str, a: u64, b: u64) -> Result<String, Fa
     };
     differences(&mut text, "table of files", &sources(&one), &sources(&other), |text, name, x, y| {
         differences(text, &format!("{name}: line"), x, y, |text, line, _, _| {
-            *text += &format!("{name}: line `{line}` holds other data\n");
+            *text += &format!("{name}: line `{line}` has different data\n");
         });
     });
     let tables = |s: &Snapshot| -> BTreeMap<String, serde_json::Value> {
@@ -208,7 +211,7 @@ pub fn between(root: &Path, pipeline: &str, a: u64, b: u64) -> Result<String, Fa
         }
     });
     if text.is_empty() {
-        text = format!("runs {a} and {b} of `{pipeline}` asked the same of the same data\n");
+        text = format!("runs {a} and {b} of `{pipeline}` have the same spec and the same inputs\n");
     }
     Ok(text)
 }
@@ -223,12 +226,12 @@ fn differences<T: PartialEq>(
 ) {
     for (name, x) in one {
         match other.get(name) {
-            None => *text += &format!("{what} `{name}` is gone\n"),
+            None => *text += &format!("{what} `{name}` was removed\n"),
             Some(y) if x != y => changed(text, name, x, y),
             Some(_) => {}
         }
     }
     for name in other.keys().filter(|n| !one.contains_key(*n)) {
-        *text += &format!("{what} `{name}` is new\n");
+        *text += &format!("{what} `{name}` was added\n");
     }
 }

@@ -60,7 +60,8 @@ pub fn find<'a>(all: &'a [Snapshot], name: &str) -> Result<(&'a Snapshot, &'a Sn
         [one] => Ok(*one),
         [] => Err(Fault::new(format!("the store has no table `{name}`")).nearest(name, &known)),
         _ => {
-            Err(Fault::new(format!("several pipelines have a table `{table}`")).help("give it as `<pipeline>.<table>`"))
+            Err(Fault::new(format!("several pipelines have a table `{table}`"))
+                .help("write it as `<pipeline>.<table>`"))
         }
     }
 }

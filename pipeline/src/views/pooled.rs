@@ -164,16 +164,19 @@ fn read(batch: &RecordBatch, declared: &[Metric], in_sample: bool, scores: &mut 
 /// The table's columns after the axes, and their meanings.
 pub const COLUMNS: [(&str, &str); 11] = [
     ("stage", "the table of scores"),
-    ("metric", "what was scored"),
-    ("value", "pooled over the lines that are not in sample; over all where every line is"),
+    ("metric", "the metric"),
+    ("value", "pooled over the lines that are not in sample, or over all lines if every line is in sample"),
     ("unit", "the unit of the value"),
-    ("n", "samples or pairs behind it"),
-    ("lines", "lines behind it"),
-    ("in_sample", "whether every line behind it is in sample: a model, noise or map saw it, or a search chose by it"),
-    ("value_in_sample", "pooled over the lines that are in sample; null where none is"),
-    ("n_in_sample", "samples or pairs behind that"),
-    ("lines_in_sample", "lines behind that"),
-    ("pooled_as", "the rule that makes one value of several lines"),
+    ("n", "number of samples or pairs of `value`"),
+    ("lines", "number of lines of `value`"),
+    (
+        "in_sample",
+        "true if every line of `value` is in sample: used by a model, noise or map, or to choose a parameter",
+    ),
+    ("value_in_sample", "pooled over the lines in sample; null if there are none"),
+    ("n_in_sample", "number of samples or pairs of `value_in_sample`"),
+    ("lines_in_sample", "number of lines of `value_in_sample`"),
+    ("pooled_as", "the rule that pools the values of several lines"),
 ];
 
 /// The type of a column of the table in a word, and the columns of the tables of scores that it is made from.
@@ -288,8 +291,9 @@ pub fn mixed(graph: &Graph) -> Result<Vec<String>, Fault> {
         let most = graph.units(t).map(|unit| in_sample.lines(unit)).filter(|(seen, all)| 0 < *seen && seen < all).max();
         if let Some((seen, all)) = most {
             notes.push(format!(
-                "`{}` pools {seen} lines in sample with {} others: its column `in_sample` is true; a `where` on `line` \
-                 selects lines, and `{TABLE}` pools both apart",
+                "`{}` pools {seen} lines in sample with {} other lines, so its column `in_sample` is true. Select \
+                 lines \
+                 with a `where` on `line`; `{TABLE}` pools the two groups separately",
                 node.name,
                 all - seen
             ));
@@ -329,10 +333,10 @@ fn repeated(graph: &Graph, t: usize) -> Option<String> {
     let place = if fixed.is_empty() { String::new() } else { format!(" at {}", fixed.join(", ")) };
     let more = match several.len() - 1 {
         0 => String::new(),
-        n => format!(", and so at {n} more combinations of the other axes"),
+        n => format!(", and at {n} more combinations of the other axes"),
     };
     Some(format!(
-        "`{}`: {points} points that differ only in {idle} are one computation{place}{more}: {idle} has no effect there",
+        "`{}`: {idle} has no effect{place}{more}; the {points} points that differ only in {idle} are computed once",
         node.name
     ))
 }

@@ -31,23 +31,25 @@ pub fn one(catalogue: &[Entry], name: &str) -> Result<String, Fault> {
 pub fn page(catalogue: &[Entry]) -> String {
     let mut out =
         "# Stages\n\nMade from the stages' declarations by `magline stages --markdown`; do not edit.\n\n".to_owned();
-    out.push_str("Beside its inputs and parameters, a stage of a spec says:\n\n| key | meaning |\n|---|---|\n");
+    out.push_str(
+        "Besides its inputs and parameters, a stage of a spec has these keys:\n\n| key | meaning |\n|---|---|\n",
+    );
     for (key, meaning) in STAGE_KEYS {
         // Writing into a String cannot fail.
         let _ = writeln!(out, "| `{key}` | {meaning} |");
     }
     out.push('\n');
-    out.push_str("A table of files (`[tables.NAME]`) says its `path`, and beside it:\n\n");
+    out.push_str("A table of files (`[tables.NAME]`) has the key `path` and these keys:\n\n");
     let lists = Lists::default();
     let of_flights = [FlightOptions::docs(&lists), MappingOptions::docs(&lists)].concat();
     for (what, docs) in [("flights", of_flights), ("a map", MapOptions::docs(&lists))] {
-        let _ = write!(out, "Of {what}:\n\n{}\n", params(&docs.iter().collect::<Vec<_>>()));
+        let _ = write!(out, "For {what}:\n\n{}\n", params(&docs.iter().collect::<Vec<_>>()));
     }
     let of_model = ModelOptions::docs(&lists);
     let _ = write!(
         out,
-        "Of a model that was fitted elsewhere, the published table of a `fit`: `where`, a SQL condition on its columns that \
-         selects one model where the table holds several, and\n\n{}\n",
+        "For a model that was fitted by another pipeline, `path` is the published table of a `fit`. The key `where` is \
+         an SQL condition on its columns; it selects one model of several. Further keys:\n\n{}\n",
         params(&of_model.iter().collect::<Vec<_>>())
     );
     for entry in catalogue {
@@ -65,7 +67,7 @@ fn section(entry: &Entry) -> String {
         Grain::Map => "whole maps",
     };
     let input = |i: &InputDecl| {
-        let optional = if i.optional { ", may be left out" } else { "" };
+        let optional = if i.optional { ", optional" } else { "" };
         format!("`{}` ({}{optional})", i.name, kind(i.kind))
     };
     let inputs: Vec<String> = entry.inputs.iter().map(input).collect();
@@ -119,8 +121,8 @@ fn kind(kind: InputKind) -> &'static str {
     match kind {
         InputKind::Lines => "flight lines",
         InputKind::Scores => "a table of scores",
-        InputKind::Record => "a record: flight lines, all of them for each line",
-        InputKind::ManyRecords => "one or several records: flight lines, all of them for each line",
+        InputKind::Record => "a record: flight lines; each line reads all of them",
+        InputKind::ManyRecords => "one or several records: flight lines; each line reads all of them",
         InputKind::ManyLines => "one or several tables of flight lines",
         InputKind::Model => "model",
         InputKind::Map => "map",

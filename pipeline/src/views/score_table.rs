@@ -56,7 +56,7 @@ impl View<'_> {
         let mut header: Vec<String> = if any_mark { vec![String::new()] } else { vec![] };
         header.extend(scores.axes.iter().map(|a| self.cut(a)));
         header.extend(self.metrics.iter().map(named));
-        header.extend(counted.then(|| "marked".to_owned()));
+        header.extend(counted.then(|| "flagged".to_owned()));
         let mut table = vec![header];
         for (row, (key, _)) in scores.rows.iter().enumerate().take(self.most) {
             let mut words: Vec<String> = if any_mark { vec![self.sign(row)] } else { vec![] };
@@ -110,26 +110,30 @@ fn widest(text: &str) -> usize {
 fn legend(scores: &Scores, best: Option<usize>, left_out: &[&str], most: usize) -> String {
     let mut out = String::new();
     if scores.rows.len() > most {
-        out.push_str(&format!("and {} more points; `magline sql` shows them all\n", scores.rows.len() - most));
+        out.push_str(&format!("and {} more points; `magline sql` shows all\n", scores.rows.len() - most));
     }
     let marked = scores.marks.iter().any(|n| *n > 0);
     let in_sample = scores.in_sample.iter().any(|row| row.metrics.contains(&true) || row.lines > 0);
     if let (Some(_), Some(metric)) = (best, scores.headline().and_then(|m| scores.metrics.get(m))) {
-        let of = if marked { " of the points without a mark" } else { "" };
+        let of = if marked { " of the points that are not flagged" } else { "" };
         out.push_str(&format!("* best {}{of}\n", metric.name));
     }
     let marked_rows = || (0..scores.rows.len()).filter(|r| scores.is_marked(*r));
     if marked_rows().any(|r| !scores.is_cautious(r)) {
-        out.push_str("! marked: worse than the INS alone, or NEES or NIS far from its law (2 and 1)\n");
+        out.push_str(
+            "! flagged: worse than the INS alone, NEES or NIS far from the expected value (2 and 1), or whiteness \
+             below \
+             0.8\n",
+        );
     }
     if marked_rows().any(|r| scores.is_cautious(r)) {
-        out.push_str("c cautious: NEES or NIS far below its law (2 and 1), the errors are smaller than stated\n");
+        out.push_str("c cautious: NEES or NIS far below the expected value (2 and 1); the covariance is too large\n");
     }
     if in_sample {
         out.push_str(&in_sample_legend(scores));
     }
     if !left_out.is_empty() {
-        out.push_str(&format!("left out for width: {}; `magline sql` shows all\n", left_out.join(", ")));
+        out.push_str(&format!("omitted to fit the width: {}; `magline sql` shows all\n", left_out.join(", ")));
     }
     out
 }
@@ -137,17 +141,16 @@ fn legend(scores: &Scores, best: Option<usize>, left_out: &[&str], most: usize) 
 /// The meaning of `~`, and why no point is the best.
 fn in_sample_legend(scores: &Scores) -> String {
     let mut out =
-        "~ in sample: a model, noise or map was made from the same lines, or a search chose by them; never best\n"
-            .to_owned();
+        "~ in sample: the lines were used by a model, noise or map, or to choose a parameter; never best\n".to_owned();
     if scores.in_sample.iter().any(|row| row.lines > 0 && row.held_out > 0) {
         out.push_str(
-            "values are of held-out lines; those in sample are `value_in_sample` of the table `scores_pooled`\n",
+            "values are of held-out lines; for lines in sample see `value_in_sample` of the table `scores_pooled`\n",
         );
     }
     let in_sample = |r: usize, m: usize| scores.value(r, m).is_none() || scores.is_in_sample(r, m);
     let all = scores.headline().is_some_and(|m| (0..scores.rows.len()).all(|r| in_sample(r, m)));
     if all && scores.rows.len() > 1 {
-        out.push_str("no best point: every line is in sample; score lines that no `where` of a fit selects\n");
+        out.push_str("no best point: every line is in sample; score lines that no fit selects with `where`\n");
     }
     out
 }
@@ -195,7 +198,7 @@ mod tests {
         let rows: Vec<&str> = text.lines().collect();
         assert!(rows[1].starts_with("~  mag_0_uc") && rows[2].starts_with("*  mag_1_uc"), "{text}");
         assert!(rows[3].contains("3.000 ~") && rows[3].matches('~').count() == 1, "{text}");
-        assert!(text.contains("\n~ in sample: a model") && text.contains("\nvalues are of held-out lines"), "{text}");
+        assert!(text.contains("\n~ in sample: the lines") && text.contains("\nvalues are of held-out lines"), "{text}");
         assert!(!text.contains("no best point"), "{text}");
         some.in_sample = vec![of(9, 0, vec![true; 10]); 3];
         let text = render(&some, 200, 100);
@@ -218,8 +221,8 @@ mod tests {
             }
         }
         let narrow = render(&scores(3), 80, 100);
-        assert!(narrow.contains("left out for width: std_uncompensated"), "{narrow}");
-        assert!(!render(&scores(3), 200, 100).contains("left out"));
+        assert!(narrow.contains("omitted to fit the width: std_uncompensated"), "{narrow}");
+        assert!(!render(&scores(3), 200, 100).contains("omitted"));
     }
 
     #[test]
@@ -242,7 +245,7 @@ mod tests {
         assert!(rows[1].starts_with("!  mag_0_uc") && rows[1].ends_with("2/9"), "{text}");
         assert!(rows[2].starts_with("*  mag_1_uc") && rows[2].ends_with('-'), "{text}");
         assert!(rows[3].starts_with("   mag_2_uc"), "{text}");
-        assert!(text.contains("\n* best drms") && text.contains("\n! marked: worse"), "{text}");
+        assert!(text.contains("\n* best drms") && text.contains("\n! flagged: worse"), "{text}");
         some.marks = vec![1, 1, 1];
         assert!(!render(&some, 120, 100).contains('*'));
     }

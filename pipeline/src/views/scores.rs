@@ -202,7 +202,7 @@ impl Scores {
             (least, most) if least == most => most.to_string(),
             (least, most) => format!("{least} to {most}"),
         };
-        format!("{held_out}, apart from {in_sample} in sample")
+        format!("{held_out}; {in_sample} in sample are separate")
     }
 
     /// A remark for each axis of numbers where the best point of the leading metric has the first or the last value.

@@ -38,7 +38,7 @@ pub fn trials(plan: &Plan, trials: &[Scored]) -> String {
         let named: Vec<String> = failed.iter().take(NAMED).map(usize::to_string).collect();
         let more = if failed.len() > NAMED { " and others" } else { "" };
         let table = format!("{}.trials", plan.spec.name);
-        out += &format!("without a goal: {}{more}; the table `{table}` says why\n", named.join(", "));
+        out += &format!("trials without a goal: {}{more}; the table `{table}` has the reasons\n", named.join(", "));
     }
     out
 }

@@ -20,11 +20,11 @@ pub fn why(graph: &Graph, store: &Store, table: &str) -> Result<String, Fault> {
     let units = graph.unit_count(t);
     let missing = graph.units(t).filter(|u| !graph.key(*u).is_ok_and(|k| store.has(k))).count();
     if missing == 0 {
-        return Ok(format!("{table}: nothing to compute, all {units} are in the store\n"));
+        return Ok(format!("{table}: nothing to compute, all {units} units are in the store\n"));
     }
-    let mut out = format!("{table}: {missing} of {units} to compute\n");
+    let mut out = format!("{table}: {missing} of {units} units to compute\n");
     let Some(before) = snapshots(store.root()).into_iter().find(|s| s.pipeline == plan.spec.name) else {
-        return Ok(out + "  the pipeline was not run in this store before\n");
+        return Ok(out + "  this store has no earlier run of the pipeline\n");
     };
     let mut reasons = vec![];
     for node in plan.rests_on(t) {
@@ -52,7 +52,7 @@ pub fn why(graph: &Graph, store: &Store, table: &str) -> Result<String, Fault> {
                 None => reasons.push(format!("{}: the point {} is new", now.name, spelt.join(" "))),
                 Some(params) => {
                     for (name, value) in it.params() {
-                        let was = params.get(name).map_or("(not there)", String::as_str);
+                        let was = params.get(name).map_or("(absent)", String::as_str);
                         if was != value {
                             reasons.push(format!("{}: {name} {was} -> {value}", now.name));
                         }
@@ -64,7 +64,7 @@ pub fn why(graph: &Graph, store: &Store, table: &str) -> Result<String, Fault> {
     reasons.extend(sources(graph, t, &before));
     reasons.dedup();
     if reasons.is_empty() {
-        reasons.push("objects are missing from the store: a run was interrupted, or they were removed".to_owned());
+        reasons.push("results are missing from the store: a run was interrupted, or they were removed".to_owned());
     }
     const SHOWN: usize = 40;
     for reason in reasons.iter().take(SHOWN) {

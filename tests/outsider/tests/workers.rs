@@ -96,7 +96,7 @@ fn counts(output: &Output) -> [u64; 4] {
 /// What becomes of each trouble where a worker is a process.
 const TROUBLES: [(&str, &str); 4] = [
     ("fault", "trouble was asked for"),
-    ("panic", "the stage ended with a panic (trouble was asked for)"),
+    ("panic", "the stage panicked (trouble was asked for)"),
     ("abort", "its worker was lost 3 times"),
     ("hang", "its worker was lost 3 times"),
 ];
@@ -168,7 +168,7 @@ fn user_a_unit_that_kills_its_workers_is_given_up_and_the_rest_is_done() {
         assert!(waves == 4 || trouble == "hang" && waves > 4, "{trouble}: {waves} waves");
         assert_eq!(deaths, if trouble == "abort" { 3 } else { 0 }, "{trouble}");
         let run = troubled(folder.path(), &["run", "spec.toml", "--json"], "");
-        let said = if trouble == "panic" { "ended with a panic (trouble" } else { "its worker was lost 3 times" };
+        let said = if trouble == "panic" { "the stage panicked (trouble" } else { "its worker was lost 3 times" };
         assert!(run.status.code() == Some(1) && text(&run).contains(said), "{trouble}: {}", text(&run));
         assert_eq!(counts(&run), [0, 8, 1, 0], "{trouble}: {}", text(&run));
         assert!(trouble == "abort" || computed <= 8, "{computed}");

@@ -21,24 +21,24 @@ pub struct ContinueArgs {
     map: PathBuf,
     #[command(flatten)]
     input: InputArgs,
-    /// Heights in metres above the WGS-84 ellipsoid, separated by commas.
+    /// Heights above the WGS-84 ellipsoid, m, separated by commas.
     #[arg(long, visible_alias = "to", value_name = "M", value_delimiter = ',', allow_negative_numbers = true)]
     to_m: Vec<f64>,
-    /// A map with a height for each node, on the same grid: the answer is at those heights.
+    /// A map on the same grid with the output height of each node.
     #[arg(long)]
     to_drape: Option<PathBuf>,
     #[command(flatten)]
     stage: StageFlags<MapContinue>,
-    /// Draw the L-curve of a downward continuation into this SVG file.
+    /// Write a plot of the L-curve of a downward continuation to this SVG file.
     #[arg(long)]
     l_curve: Option<PathBuf>,
-    /// Write the estimated error at each node, which the unknown field past the map's edges makes, into this file.
+    /// Write the edge error to this file: the error at each node from the unknown field past the map's edges.
     #[arg(long)]
     error: Option<PathBuf>,
-    /// The file that is written; with several heights `{alt}` in its name stands for the height.
+    /// The output file. With several heights, its name must contain `{alt}`, which is replaced by the height.
     #[arg(short, long)]
     output: PathBuf,
-    /// The format it is written in, where the file's ending does not tell.
+    /// The output format, if the extension of the file does not determine it.
     #[arg(long)]
     output_format: Option<String>,
     #[command(flatten)]
@@ -47,8 +47,8 @@ pub struct ContinueArgs {
 
 pub fn run(args: &ContinueArgs) -> Result<(), Stop> {
     if args.to_m.len() > 1 && !args.output.to_string_lossy().contains("{alt}") {
-        let help = "write, for example, `-o map_{alt}.tif`";
-        return Err(Fault::new("several heights need `{alt}` in the name of the output").help(help).into());
+        let help = "use for example `-o map_{alt}.tif`";
+        return Err(Fault::new("several heights require `{alt}` in the name of the output file").help(help).into());
     }
     let stage = args.stage.stage()?;
     let heights: Vec<Option<f64>> =
@@ -61,7 +61,7 @@ pub fn run(args: &ContinueArgs) -> Result<(), Stop> {
     args.threads.run(|| {
         let map = args.input.read(&args.map)?;
         if map.value_unit != "nT" && stage.derivative.is_some() {
-            return Err(wrong(&args.map, &format!("the map is a derivative already, in {}", map.value_unit)));
+            return Err(wrong(&args.map, &format!("the map is already a derivative, in {}", map.value_unit)));
         }
         let drape = args.to_drape.as_ref().map(|path| InputArgs { alt: None, ..args.input.clone() }.read(path));
         let drape = drape.transpose()?;
@@ -94,7 +94,7 @@ fn l_curve(curve: &LCurve) -> String {
     let marked = format!("alpha = {:.3e} m2", curve.corner_alpha_m2());
     let labels = CurveLabels {
         title: "L-curve of the downward continuation",
-        x: "misfit, back at the map's height (nT rms)",
+        x: "residual at the map's height (nT rms)",
         y: "gradient of the lower map (nT/m rms)",
         marked: &marked,
     };

@@ -22,8 +22,8 @@ pub struct FillArgs {
     output: OutputArgs,
     #[command(flatten)]
     stage: StageFlags<MapFill>,
-    /// Other maps of the field, in the order in which they are to be preferred: what the map does not know comes from
-    /// them first. They are brought into its coordinate system and, where they are lower, up to its height.
+    /// Other maps that fill the gaps, in order of preference. They are transformed to the coordinate system of the map.
+    /// A lower map is continued upward to its height.
     #[arg(long, num_args = 1.., value_name = "MAP")]
     with: Vec<PathBuf>,
     #[command(flatten)]

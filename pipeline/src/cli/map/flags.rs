@@ -102,7 +102,7 @@ fn arg<S: Flagged>(param: &ParamDoc) -> Arg {
         (Some(default), _) if param.type_name != "boolean" => {
             format!(" [default: {}{unit}]", default.trim_matches('"'))
         }
-        (None, Some(absent)) if !absent.is_empty() => format!(" [left out: {}]", absent.replace('`', "")),
+        (None, Some(absent)) if !absent.is_empty() => format!(" [unset: {}]", absent.replace('`', "")),
         _ => String::new(),
     };
     if !words.is_empty() {

@@ -33,7 +33,7 @@ pub struct GridArgs {
     columns: ColumnArgs,
     #[command(flatten)]
     stage: StageFlags<MapGrid>,
-    /// Write the expected error of each node, which needs `--cross-validate`.
+    /// Write the expected error of each node to this file; requires `--cross-validate`.
     #[arg(long, requires = "stage.cross_validate")]
     error: Option<PathBuf>,
     #[command(flatten)]
@@ -43,7 +43,7 @@ pub struct GridArgs {
 /// Where the columns are. Those that are not named are found by the usual names.
 #[derive(Args)]
 struct ColumnArgs {
-    /// A flight format, `parquet` or `text`, where content and name of the file do not tell.
+    /// A flight format, `parquet` or `text`, if content and name of the file do not determine it.
     #[arg(long)]
     format: Option<String>,
     /// The column of longitudes or eastings.
@@ -61,7 +61,7 @@ struct ColumnArgs {
     /// The column of line names.
     #[arg(long)]
     line: Option<String>,
-    /// The EPSG code of the places; degrees of WGS-84 where the columns are latitude and longitude.
+    /// The EPSG code of the positions. Default for latitude and longitude: WGS-84 in degrees.
     #[arg(long)]
     epsg: Option<u16>,
     #[command(flatten)]
@@ -192,7 +192,7 @@ fn name_far(far: &[usize], points: &SurveyPoints, files: &[PathBuf], starts: &[u
         return;
     }
     let many = if far.len() == 1 { "1 point is".to_owned() } else { format!("{} points are", far.len()) };
-    note(&format!("{many} far from all others and left out; `--keep-outliers` keeps such points"));
+    note(&format!("{many} far from all others and removed; `--keep-outliers` keeps such points"));
     for &i in far.iter().take(NAMED) {
         let file = starts.partition_point(|start| *start <= i).saturating_sub(1);
         let line = points.lines.get(points.line[i] as usize).filter(|name| !name.is_empty());
@@ -219,12 +219,12 @@ fn told(levelled: &Levelled, names: &[String]) -> String {
     text += &row("before levelling", &levelled.before);
     text += &row("after levelling", &levelled.after);
     if let Some(left_out) = &levelled.left_out {
-        text += &row("left out in turn", left_out);
+        text += &row("leave-one-out", left_out);
     }
     let ties = levelled.lines.iter().filter(|l| l.tie).count();
     let noise = &levelled.noise;
     text += &format!(
-        "{} lines, {ties} of them ties; where level, they differ by {:.2} nT and {:.0} m of the gradient\n",
+        "{} lines, {ties} of them ties; level lines differ by {:.2} nT and {:.0} m of the gradient\n",
         levelled.lines.len(),
         noise.sigma_nt,
         noise.position_m
@@ -235,11 +235,11 @@ fn told(levelled: &Levelled, names: &[String]) -> String {
         let Some(largest) = of.iter().max_by(|a, b| size(a).total_cmp(&size(b))) else { continue };
         let name = names.get(largest.line).map_or("", String::as_str);
         text += &match (size(largest) > 0.0, spread_nt > 0.0 || alone > 0) {
-            (false, _) => format!("{group}: level within what their crossings tell, left as they are\n"),
+            (false, _) => format!("{group}: level within the accuracy of their crossings, not corrected\n"),
             (true, false) => format!("{group}: all shifted by {:.2} nT\n", -largest.coefficients_nt[0]),
             (true, true) => {
                 let most = -largest.coefficients_nt[0];
-                format!("{group}: corrected by up to {most:.2} nT (line {name}), {alone} of them out by themselves\n")
+                format!("{group}: corrected by up to {most:.2} nT (line {name}), {alone} of them individually\n")
             }
         };
     }
@@ -257,7 +257,8 @@ fn reported(grid: &PlaneGrid, r: &GridReport, points: &SurveyPoints, far: usize)
         format!("median {:.2} nT, rms {:.2} nT, 95 % below {:.2} nT, at {}", s.median_nt, s.rms_nt, s.p95_nt, s.n)
     };
     let mut text = format!(
-        "points       {} of {} kept; left out: {far} far away, {} not finite, {} repeated, {} outliers, {} of short lines\n",
+        "points       {} of {} kept; removed: {far} far away, {} not finite, {} duplicates, {} outliers, \
+         {} of short lines\n",
         c.kept.len(),
         points.len(),
         c.not_finite.len() - far,
@@ -266,16 +267,16 @@ fn reported(grid: &PlaneGrid, r: &GridReport, points: &SurveyPoints, far: usize)
         c.of_short_lines.len()
     );
     text += &format!("lines        {}, {:.0} m apart\n", points.lines.len(), r.line_spacing_m);
-    text += &format!("blocks       {} of {:.0} m, {} left out\n", r.blocks, r.block_m, r.misfits.len());
+    text += &format!("blocks       {} of {:.0} m, {} removed\n", r.blocks, r.block_m, r.misfits.len());
     for layer in &r.layers {
         text += &format!("sources      {} at a depth of {:.0} m\n", layer.sources, layer.layer.depth_m);
     }
     if let Some(level_m) = r.level_m {
         text += &format!("level        {level_m:.1} m\n");
     }
-    text += &format!("misfit       {} blocks\n", spread(&r.misfit));
+    text += &format!("residual     {} blocks\n", spread(&r.misfit));
     if let Some(error) = &r.cross_validation {
-        text += &format!("left out     {} points of lines left out in turn\n", spread(error));
+        text += &format!("held out     {} points of lines held out in turn\n", spread(error));
     }
     text + &format!(
         "map          {} x {} nodes, {:.1} m apart, EPSG:{}, {} unknown\n",

@@ -16,7 +16,7 @@ pub struct InfoArgs {
     maps: Vec<PathBuf>,
     #[command(flatten)]
     input: InputArgs,
-    /// One JSON object a map and line.
+    /// Write one JSON object per line, one for each map.
     #[arg(long)]
     json: bool,
 }

@@ -17,34 +17,34 @@ pub struct PlotArgs {
     map: PathBuf,
     #[command(flatten)]
     input: InputArgs,
-    /// The picture: .png or .svg, or .kml or .kmz for Google Earth.
+    /// The output file: .png or .svg, or .kml or .kmz for Google Earth.
     #[arg(short, long)]
     output: PathBuf,
-    /// Flights, of which each line is drawn as a track.
+    /// Flight files; each line is drawn as a track.
     #[arg(long, num_args = 1.., value_name = "FLIGHTS")]
     track: Vec<PathBuf>,
     /// Draw only these lines of the flights.
     #[arg(long, value_delimiter = ',')]
     line: Vec<String>,
-    /// Draw the positions of the INS, not the true ones.
+    /// Draw the positions of the INS instead of the true positions.
     #[arg(long)]
     ins: bool,
-    /// What stands above the map; the name of its file when left out.
+    /// The title above the map. Default: the name of the map file.
     #[arg(long)]
     title: Option<String>,
-    /// Width of the picture in pixels.
+    /// The width of the image, pixels.
     #[arg(long, default_value_t = 1600)]
     width: usize,
-    /// The colours.
+    /// The colour palette.
     #[arg(long, value_enum, default_value_t = Colours::Turbo)]
     palette: Colours,
-    /// How values are spread over the colours: `equalised`, `linear`, `LOW..HIGH` in nT, or `LOW%..HIGH%`.
+    /// The colour scale: `equalised`, `linear`, a range `LOW..HIGH` in nT, or percentiles `LOW%..HIGH%`.
     #[arg(long, default_value = "equalised", allow_hyphen_values = true)]
     scale: String,
-    /// Flat colours, without hill-shading.
+    /// Draw without hill shading.
     #[arg(long)]
     no_shade: bool,
-    /// Draw a contour line at each multiple of this, in nT.
+    /// The contour interval, nT.
     #[arg(long)]
     contours: Option<f64>,
     #[command(flatten)]
@@ -83,8 +83,8 @@ pub fn run(args: &PlotArgs) -> Result<(), Stop> {
             "svg" => write(&args.output, flat(args, &map, &tracks, figures::svg)?.as_bytes()),
             "kml" | "kmz" => earth(args, &map, &tracks, ending == "kmz"),
             _ => {
-                let fault = Fault::new(format!("`{}` is no kind of picture", args.output.display()));
-                Err(fault.help("end its name in .png, .svg, .kml or .kmz").into())
+                let fault = Fault::new(format!("`{}` is not a supported image format", args.output.display()));
+                Err(fault.help("use the extension .png, .svg, .kml or .kmz").into())
             }
         }
     })
@@ -116,9 +116,9 @@ fn scale(text: &str) -> Result<Scale, Stop> {
         (_, Some((a, b)), _) => Ok(Scale::Percentile(a, b)),
         (_, _, Some((a, b))) => Ok(Scale::Range(a, b)),
         _ => {
-            let fault = Fault::new(format!("`{text}` is no scale"));
+            let fault = Fault::new(format!("`{text}` is not a colour scale"));
             Err(fault
-                .help("say `equalised`, `linear`, a range such as `-200..300`, or percentiles such as `2%..98%`")
+                .help("use `equalised`, `linear`, a range such as `-200..300`, or percentiles such as `2%..98%`")
                 .into())
         }
     }
@@ -212,7 +212,7 @@ fn lines(args: &PlotArgs, path: &Path) -> Result<Vec<Track>, Stop> {
     let in_file = |fault: Fault| Stop::from(fault.in_file(&path.display().to_string()));
     let reader = open_flight(path, &FlightOptions::default(), &Reading::default()).map_err(Fault::from)?;
     let rules = Canonical::new(reader.schema()).map_err(|faults| {
-        let first = faults.into_iter().next().unwrap_or_else(|| Fault::data("is no flight table"));
+        let first = faults.into_iter().next().unwrap_or_else(|| Fault::data("is not a flight table"));
         in_file(first)
     })?;
     let names = if args.ins { ["ins_lat", "ins_lon", "ins_alt"] } else { ["lat", "lon", "alt"] };
@@ -220,7 +220,7 @@ fn lines(args: &PlotArgs, path: &Path) -> Result<Vec<Track>, Stop> {
     for batch in reader {
         let batch = rules.apply(&batch.map_err(Fault::from)?).map_err(in_file)?;
         let column = |name: &str| batch.column_by_name(name);
-        let absent = |name: &str| in_file(Fault::data("the flights do not have it").in_column(name));
+        let absent = |name: &str| in_file(Fault::data("the flights do not have this column").in_column(name));
         let number = |name: &str| column(name).and_then(|a| a.as_primitive_opt::<Float64Type>()).map(|a| a.values());
         let text = |name: &str| column(name).and_then(|a| a.as_string_opt::<i32>()).ok_or_else(|| absent(name));
         let (flight, line) = (text("flight")?, text("line")?);
@@ -241,7 +241,7 @@ fn lines(args: &PlotArgs, path: &Path) -> Result<Vec<Track>, Stop> {
         }
     }
     if tracks.is_empty() {
-        return Err(wrong(path, &"no line of the flights is to be drawn"));
+        return Err(wrong(path, &"no line of the flights is selected; check `--line`"));
     }
     Ok(tracks)
 }

@@ -19,11 +19,12 @@ fn folder(path: &Path) -> PathBuf {
 /// Fails when its folder is not there, or it is a folder.
 pub fn check(flag: &str, path: &Path) -> Result<(), Fault> {
     if path.is_dir() {
-        return Err(Fault::new(format!("`{flag}` names a folder: {}", path.display())).help("name a file in it"));
+        return Err(Fault::new(format!("`{flag}` requires a file, but {} is a folder", path.display()))
+            .help("give a file in this folder"));
     }
     if path.file_name().is_none() || !folder(path).is_dir() {
         let what = format!("`{flag}`: there is no folder {}", folder(path).display());
-        return Err(Fault::new(what).help("make it, or name another"));
+        return Err(Fault::new(what).help("create the folder, or give another file"));
     }
     Ok(())
 }

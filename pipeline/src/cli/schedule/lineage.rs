@@ -72,7 +72,7 @@ impl Sink {
         self.sender.lock().unwrap_or_else(PoisonError::into_inner).take();
         let done = self.done.lock().unwrap_or_else(PoisonError::into_inner);
         if done.recv_timeout(FLUSH) == Err(mpsc::RecvTimeoutError::Timeout) {
-            warn("the last of them took too long to send");
+            warn("the last events were not sent within the time limit");
         }
     }
 }
@@ -92,13 +92,13 @@ fn target(to: &str) -> Result<Target, Fault> {
     let mut url = Url::parse(to).map_err(|e| wrong(&e.to_string()))?;
     match url.scheme() {
         "http" => {}
-        "https" => return Err(wrong("this version has no TLS: name an `http://` proxy on this host, or a file")),
+        "https" => return Err(wrong("TLS is not supported: give an `http://` proxy on this host, or a file")),
         "file" => {
-            let path = url.to_file_path().map_err(|()| wrong("name a file of this host"))?;
+            let path = url.to_file_path().map_err(|()| wrong("give a file on this host"))?;
             file::check("--openlineage", &path)?;
             return Ok(Target::File(path));
         }
-        _ => return Err(wrong("write a path or `http://host:port`")),
+        _ => return Err(wrong("give a path or `http://host:port`")),
     }
     if url.path() == "/" {
         url.set_path(ENDPOINT);
@@ -126,7 +126,7 @@ fn deliver(target: &Target, events: &mpsc::Receiver<Value>) {
         }
     }
     if lost > 0 {
-        warn(&format!("{lost} of them: {why}"));
+        warn(&format!("{lost} events: {why}"));
     }
 }
 
@@ -143,7 +143,7 @@ fn one(target: &Target, event: &Value) -> Result<(), String> {
             let (begun, shown) = (Instant::now(), without_password(url.as_str()));
             let sent = post(agent, url, key.as_deref(), &text);
             match sent {
-                Err(ureq::Error::StatusCode(code)) if code < 500 => Err(format!("{shown} answers {code}")),
+                Err(ureq::Error::StatusCode(code)) if code < 500 => Err(format!("{shown} returned status {code}")),
                 Err(_) if begun.elapsed() < REQUEST => {
                     sleep(AGAIN_AFTER);
                     post(agent, url, key.as_deref(), &text)

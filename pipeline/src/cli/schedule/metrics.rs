@@ -38,24 +38,24 @@ pub fn text(state: &State, end: &Ended, path: &Path) -> String {
         let outcomes = [("computed", c.computed), ("reused", c.reused), ("failed", c.failed), ("skipped", c.skipped)];
         outcomes.map(|(word, n)| (format!("{},outcome={}", of(name), quoted(word)), n as f64))
     });
-    family(&mut out, "magline_run_units", "Units of a table in the last run, by outcome.", units);
+    family(&mut out, "magline_run_units", "Number of units of a table in the last run, by outcome.", units);
     let seconds = state.tables.iter().map(|(name, _, seconds)| (of(name), *seconds));
-    family(&mut out, "magline_run_table_seconds", "Time that a table took in the last run.", seconds);
+    family(&mut out, "magline_run_table_seconds", "Duration of a table in the last run, s.", seconds);
     let published = state.published(end);
     let tables = published.iter().flat_map(|v| &v.manifest.tables);
     let bytes = tables.map(|t| (of(&t.name), t.files.iter().map(|f| f.size).sum::<u64>() as f64));
-    family(&mut out, "magline_table_bytes", "Bytes of the files of a published table.", bytes);
+    family(&mut out, "magline_table_bytes", "Size of the files of a published table, bytes.", bytes);
     let warnings = end.summary.map(|s| s.warnings.len() as f64).map(|n| (pipeline.clone(), n));
-    family(&mut out, "magline_run_warnings", "Warnings about results of the last run.", warnings);
+    family(&mut out, "magline_run_warnings", "Number of warnings about results of the last run.", warnings);
     let one = |value: f64| [(pipeline.clone(), value)];
     let took = state.begun.elapsed().as_secs_f64();
-    family(&mut out, "magline_run_seconds", "Time that the last run took.", one(took));
+    family(&mut out, "magline_run_seconds", "Duration of the last run, s.", one(took));
     family(&mut out, "magline_run_exit_status", "Exit status of the last run.", one(f64::from(end.status.exit())));
     let now = clock::unix();
-    family(&mut out, "magline_run_end_timestamp_seconds", "When the last run ended.", one(now));
+    family(&mut out, "magline_run_end_timestamp_seconds", "End of the last run, Unix time in s.", one(now));
     let success = if end.status == Status::Done { Some(now) } else { before(path, &pipeline) };
     let success = success.map(|t| (pipeline.clone(), t));
-    family(&mut out, SUCCESS, "When the last run ended that did all it was asked.", success);
+    family(&mut out, SUCCESS, "End of the last successful run, Unix time in s.", success);
     out
 }
 

@@ -38,29 +38,29 @@ pub const OUT_OF_TIME: u8 = 4;
 /// What a scheduler says of a run.
 #[derive(Args, Clone, Debug, Default)]
 pub struct ScheduleArgs {
-    /// Wait for another run of the same pipeline in the same store, instead of failing; with a length of time, such as
-    /// `--wait=10m`, at most so long.
+    /// Wait for another run of the same pipeline in the same store, instead of failing. A duration such as `--wait=10m`
+    /// limits the wait.
     #[arg(long, value_name = "LENGTH", num_args = 0..=1, require_equals = true, value_parser = tend::age)]
     wait: Option<Option<Duration>>,
-    /// Compute only this table and what it is made from; the others stay as they were published.
+    /// Compute only this table and its inputs. The other tables stay unchanged.
     #[arg(long, value_name = "TABLE")]
     until: Option<String>,
-    /// Compute again what is there of this table, or of all, and compare each bit; the store keeps what it has.
+    /// Recompute the stored results of this table, or of all tables, and compare every bit. The store stays unchanged.
     #[arg(long, value_name = "TABLE", num_args = 0..=1, require_equals = true)]
     force: Option<Option<String>>,
-    /// Stop after so long, such as 30m or 2h, when the units that are being computed are done.
+    /// Stop after this time, such as 30m or 2h. Units in progress are finished.
     #[arg(long, value_name = "LENGTH", value_parser = tend::age)]
     max_time: Option<Duration>,
-    /// Leave out files of flights that were written to in the last so long, such as 60s: they may still be copied.
+    /// Skip flight files that were modified within this time before the run, such as 60s. They may be incomplete.
     #[arg(long, value_name = "LENGTH", value_parser = tend::age)]
     settle: Option<Duration>,
-    /// Write what came of the run to this file as JSON, also where it fails.
+    /// Write a summary of the run to this file as JSON, even if the run fails.
     #[arg(long, value_name = "FILE")]
     summary: Option<PathBuf>,
-    /// Write its figures to this file as Prometheus text, for the textfile collector of node_exporter.
+    /// Write metrics of the run to this file as Prometheus text, for the textfile collector of node_exporter.
     #[arg(long, value_name = "FILE")]
     metrics: Option<PathBuf>,
-    /// Add its OpenLineage events to this file, or send them to an address `http://...`.
+    /// Append the OpenLineage events of the run to this file, or send them to an address `http://...`.
     #[arg(long, value_name = "FILE|URL")]
     openlineage: Option<String>,
 }
@@ -86,8 +86,8 @@ impl ScheduleArgs {
     /// Fails for a table that is not there, and for a part of a search, whose trials follow from its scores.
     pub fn named(&self, plan: &Plan) -> Result<Named, Fault> {
         if let Some(search) = plan.spec.search.as_ref().filter(|_| self.until.is_some()) {
-            let fault = Fault::new("`--until` is not for a spec with a `[search]`");
-            return Err(fault.help(format!("its trials follow from the scores in `{}`; leave it out", search.table)));
+            let fault = Fault::new("`--until` cannot be combined with a `[search]`");
+            return Err(fault.help(format!("the trials depend on the scores in `{}`; remove `--until`", search.table)));
         }
         let until = self.until.as_deref().map(|name| plan.table(name)).transpose()?;
         let force = match &self.force {
@@ -97,7 +97,9 @@ impl ScheduleArgs {
         };
         let unkept = force.flatten().and_then(|t| plan.tables.get(t)).filter(|node| !node.keep);
         match unkept {
-            Some(node) => Err(Fault::new(format!("`{}` is not kept, so there is nothing to compare", node.name))),
+            Some(node) => {
+                Err(Fault::new(format!("`{}` has `keep = false`, so the store has no results to compare", node.name)))
+            }
             None => Ok(Named { until, force }),
         }
     }
@@ -142,15 +144,23 @@ impl ScheduleArgs {
             };
             let what = held.told(name, store.root());
             match self.wait {
-                None => return Err(refused(&what, "wait for it with --wait, or name another store", held, watch)),
+                None => {
+                    return Err(refused(
+                        &what,
+                        "wait for that run with `--wait`, or give another `store`",
+                        held,
+                        watch,
+                    ));
+                }
                 Some(Some(most)) if begun.elapsed() >= most => {
-                    let help = format!("it was waited for {} s", most.as_secs());
+                    let help =
+                        format!("the wait of {} s is over; run again later or increase `--wait`", most.as_secs());
                     return Err(refused(&what, &help, held, watch));
                 }
                 Some(_) => {}
             }
             if !std::mem::replace(&mut told, true) {
-                note(&format!("{what}; waiting for it"));
+                note(&format!("{what}; waiting for that run"));
             }
             sleep(store.look_again());
         }
@@ -175,8 +185,7 @@ impl ScheduleArgs {
 static OVER: AtomicBool = AtomicBool::new(false);
 
 /// The message of a run that its time limit stopped.
-pub const STOPPED: &str =
-    "stopped by its time limit; what was finished is kept, and the same command goes on from there";
+pub const STOPPED: &str = "stopped by `--max-time`; finished results are stored, run the same command again to resume";
 
 /// The limit of time of a run, until it is dropped.
 pub struct Limit {
@@ -241,9 +250,9 @@ pub fn told_again(summary: &mut Summary, compared: Vec<crate::run::Compared>) {
         let units = super::counted(one.units, "unit");
         let what = match one.differ.len() {
             0 => "the same bytes".to_owned(),
-            n => format!("{n} of them differ"),
+            n => format!("{n} differ"),
         };
-        summary.notes.push(format!("`{}` was computed again: {units}, {what}", one.table));
+        summary.notes.push(format!("`{}` was recomputed: {units}, {what}", one.table));
         summary.failures.extend(one.differ.iter().cloned());
     }
     summary.compared = compared;

@@ -92,19 +92,18 @@ impl Trouble {
     pub fn fault(&self, authority: &str) -> Fault {
         match self {
             Trouble::Silent(why) => {
-                let fault = Fault::machine(format!("cannot reach the scheduler at {authority}: {why}"));
+                let fault = Fault::machine(format!("cannot connect to the scheduler at {authority}: {why}"));
                 fault.help(format!(
                     "start it with `magline scheduler --bind {authority}`; scheduler, workers and runs need the same key"
                 ))
             }
             Trouble::Stranger => {
-                let fault =
-                    Fault::new(format!("the scheduler at {authority} has another key than this program, or none"));
-                fault.help("give scheduler, workers and runs the same `--key-file`")
+                let fault = Fault::new(format!("the scheduler at {authority} has another key or no key"));
+                fault.help("use the same `--key-file` for scheduler, workers and runs")
             }
             Trouble::Other(what) => {
                 let fault = Fault::new(format!("the scheduler at {authority} is {what}; this is magline {VERSION}"));
-                fault.help("use the same program for scheduler, workers and runs")
+                fault.help("use the same version for scheduler, workers and runs")
             }
         }
     }
@@ -124,7 +123,7 @@ impl Scheduler {
         let runtime = Arc::new(runtime()?);
         let channel = {
             let _within = runtime.enter();
-            let wrong = |e| Fault::new(format!("`{authority}` names no scheduler: {}", said(&e)));
+            let wrong = |e| Fault::new(format!("`{authority}` is not the address of a scheduler: {}", said(&e)));
             trust.endpoint(authority).map_err(wrong)?.connect_lazy()
         };
         Ok(Scheduler { authority: authority.to_owned(), trust: trust.clone(), channel, runtime })
@@ -148,18 +147,18 @@ impl Scheduler {
                 let data = frame.map_err(|e| Trouble::Silent(e.message().to_owned()))?.into_data();
                 bytes.extend_from_slice(&data.unwrap_or_default());
                 if bytes.len() > MOST_BYTES {
-                    return Err(Trouble::Silent("its answer has no end".to_owned()));
+                    return Err(Trouble::Silent("its response is too large".to_owned()));
                 }
             }
             Ok(bytes)
         };
-        let late = |_| Trouble::Silent(format!("no answer within {} s", ANSWER.as_secs()));
+        let late = |_| Trouble::Silent(format!("no response within {} s", ANSWER.as_secs()));
         self.runtime.block_on(async { timeout(ANSWER, asked).await }).map_err(late)?
     }
 
     fn ask(&self, path: &str) -> Result<Value, Trouble> {
         let bytes = self.request(http::Method::GET, path)?;
-        let wrong = |_| Trouble::Silent("what answers is no scheduler of Ballista".to_owned());
+        let wrong = |_| Trouble::Silent("the server is not a Ballista scheduler".to_owned());
         serde_json::from_slice(&bytes).map_err(wrong)
     }
 
@@ -173,7 +172,7 @@ impl Scheduler {
         match version_of(name) {
             _ if is_ours(name) => Ok(name.to_owned()),
             Some(version) => Err(Trouble::Other(format!("magline {version}"))),
-            None => Err(Trouble::Other("not one of magline's".to_owned())),
+            None => Err(Trouble::Other("not a scheduler of magline".to_owned())),
         }
     }
 
@@ -260,7 +259,7 @@ pub async fn job(
     let rows = execute_physical_plan::<Closed>(url, &settings, units, &codec, session, config).await?;
     let rows = collect(rows).await?;
     let answers: Option<Vec<Vec<Answered>>> = rows.iter().map(Answered::read).collect();
-    let answers = answers.ok_or_else(|| DataFusionError::Execution("what came back are no answers".to_owned()))?;
+    let answers = answers.ok_or_else(|| DataFusionError::Execution("the response contains no receipts".to_owned()))?;
     Ok(answers.into_iter().flatten().collect())
 }
 

@@ -44,13 +44,13 @@ pub fn names_a_job(name: &str) -> bool {
 }
 
 fn refused<T>(what: &str) -> Result<T> {
-    exec_err!("this cluster computes tasks of magline and nothing else: {what}")
+    exec_err!("this cluster accepts only tasks of magline: {what}")
 }
 
 fn single(node: &PhysicalExtensionNode) -> Result<Option<&Node>> {
     match node.inputs.as_slice() {
         [input] => Ok(input.physical_plan_type.as_ref()),
-        _ => refused("a node of the plan has not one input"),
+        _ => refused("a node of the plan does not have exactly one input"),
     }
 }
 
@@ -67,11 +67,11 @@ fn check(plan: &PhysicalPlanNode) -> Result<()> {
         _ => return refused("the plan has a node that is not magline's"),
     };
     if !names_a_job(&writer.job_id) || writer.input.is_some() || writer.output_partitioning.is_some() {
-        return refused("the writer of the answers is not one of a task");
+        return refused("the node that writes the receipts is not magline's");
     }
     match single(node)? {
         Some(Node::Extension(input)) if input.node.starts_with(MARK.as_bytes()) => units(input),
-        _ => refused("what is written are no answers of magline"),
+        _ => refused("the output is not receipts of magline"),
     }
 }
 
@@ -90,7 +90,7 @@ fn units(node: &PhysicalExtensionNode) -> Result<()> {
 impl AsExecutionPlan for Closed {
     fn try_decode(bytes: &[u8]) -> Result<Closed> {
         let plan = PhysicalPlanNode::decode(bytes);
-        let plan = plan.map_err(|e| DataFusionError::Execution(format!("a plan that cannot be read: {e}")))?;
+        let plan = plan.map_err(|e| DataFusionError::Execution(format!("the plan is unreadable: {e}")))?;
         check(&plan)?;
         Ok(Closed(plan))
     }
@@ -114,18 +114,18 @@ impl AsExecutionPlan for Closed {
 
 impl AsLogicalPlan for Never {
     fn try_decode(_: &[u8]) -> Result<Never> {
-        refused("it takes no queries")
+        refused("it accepts no queries")
     }
 
     fn try_encode<B: BufMut>(&self, _: &mut B) -> Result<()> {
-        refused("it takes no queries")
+        refused("it accepts no queries")
     }
 
     fn try_into_logical_plan(&self, _: &TaskContext, _: &dyn LogicalExtensionCodec) -> Result<LogicalPlan> {
-        refused("it takes no queries")
+        refused("it accepts no queries")
     }
 
     fn try_from_logical_plan(_: &LogicalPlan, _: &dyn LogicalExtensionCodec) -> Result<Never> {
-        refused("it takes no queries")
+        refused("it accepts no queries")
     }
 }

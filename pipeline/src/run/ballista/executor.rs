@@ -201,7 +201,7 @@ impl Tasks {
         let metadata = Some(self.0.me.clone());
         let taken = scheduler.register_executor(RegisterExecutorParams { metadata }).await?;
         if !taken.into_inner().success {
-            return Err(general("the scheduler does not register it".to_owned()));
+            return Err(general("the scheduler rejects the registration".to_owned()));
         }
         let told = tokio::select! {
             () = told_to_stop() => true,
@@ -237,7 +237,7 @@ impl Tasks {
         match self.0.scheduler.clone().heart_beat_from_executor(beat).await {
             Ok(_) => true,
             Err(e) => {
-                warn!("the scheduler does not hear this worker: {}", e.message());
+                warn!("the scheduler does not accept the heartbeat of this worker: {}", e.message());
                 false
             }
         }
@@ -250,7 +250,7 @@ impl Tasks {
             lost = if self.beat().await { 0 } else { lost + 1 };
             sleep(every).await;
         }
-        error!("the scheduler is gone");
+        error!("the connection to the scheduler is lost");
     }
 
     /// Removes old answers from time to time.
@@ -331,7 +331,7 @@ impl Tasks {
         for _ in 0..TRIES {
             match self.0.scheduler.clone().update_task_status(end.clone()).await {
                 Ok(_) => return,
-                Err(e) => warn!("the scheduler does not hear the end of a task: {}", e.message()),
+                Err(e) => warn!("the scheduler does not accept the end of a task: {}", e.message()),
             }
             sleep(AGAIN_AFTER).await;
         }
@@ -371,12 +371,12 @@ impl ExecutorGrpc for Tasks {
                     self.0.codec.clone(),
                 )
             } else {
-                Err(DataFusionError::Execution("the job has no name of a job".to_owned()).into())
+                Err(DataFusionError::Execution("the name of the job is invalid".to_owned()).into())
             };
             match read {
                 Ok(tasks) => tasks.into_iter().for_each(|task| drop(tokio::spawn(self.clone().compute(task)))),
                 Err(e) => {
-                    error!("tasks of a job are refused: {e}");
+                    error!("tasks of a job are rejected: {e}");
                     failed_jobs.push(job);
                 }
             }
@@ -409,7 +409,7 @@ impl ExecutorGrpc for Tasks {
     ) -> Result<Response<RemoveJobDataResult>, Status> {
         let RemoveJobDataParams { job_id, remove_stage_ids } = request.into_inner();
         if !names_a_job(&job_id) {
-            return Err(Status::invalid_argument("the job has no name of a job"));
+            return Err(Status::invalid_argument("the name of the job is invalid"));
         }
         let folder = self.0.work.join(job_id);
         let folders = match remove_stage_ids.as_slice() {

@@ -22,13 +22,13 @@ type Answer<T> = Result<Response<T>, Status>;
 fn check(bytes: &[u8]) -> Result<(), Status> {
     match decode_protobuf(bytes) {
         Ok(Fetch::FetchPartition { job_id, .. }) if names_a_job(job_id.as_str()) => Ok(()),
-        Ok(_) => Err(Status::invalid_argument("the job has no name of a job")),
-        Err(_) => Err(Status::invalid_argument("this names no answer of a task")),
+        Ok(_) => Err(Status::invalid_argument("the name of the job is invalid")),
+        Err(_) => Err(Status::invalid_argument("the ticket does not identify a result of a task")),
     }
 }
 
 fn none<T>() -> Answer<T> {
-    Err(Status::unimplemented("a worker serves answers of tasks alone"))
+    Err(Status::unimplemented("a worker serves only results of tasks"))
 }
 
 impl Answers {

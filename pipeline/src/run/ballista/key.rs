@@ -61,16 +61,18 @@ impl Trust {
     /// # Errors
     /// Fails where there is no key, or one that others can read or guess.
     pub fn read(file: Option<&Path>, insecure: bool) -> Result<Trust, Fault> {
-        let secret = match (file, insecure) {
-            (None, true) => return Ok(Trust::Loopback),
-            (Some(file), _) => secret_of(file)?,
-            (None, false) => std::env::var(VARIABLE).map_err(|_| {
-                Fault::new("there is no key: whoever reaches the ports of a cluster could have it compute").help(format!(
-                    "make one for all its machines with `openssl rand -hex 32 > cluster.key && chmod 600 cluster.key`, and \
-                     give it with `--key-file cluster.key` or in the variable {VARIABLE}"
+        let secret =
+            match (file, insecure) {
+                (None, true) => return Ok(Trust::Loopback),
+                (Some(file), _) => secret_of(file)?,
+                (None, false) => std::env::var(VARIABLE).map_err(|_| {
+                    Fault::new("the cluster has no key, so anyone who can connect to its ports could run \
+                            computations").help(format!(
+                    "create a key with `openssl rand -hex 32 > cluster.key && chmod 600 cluster.key`, copy it to all \
+                     machines, and give it with `--key-file cluster.key` or in the environment variable {VARIABLE}"
                 ))
-            })?,
-        };
+                })?,
+            };
         Key::derive(&secret).map(|key| Trust::Key(Arc::new(key)))
     }
 
@@ -82,7 +84,7 @@ impl Trust {
         match self {
             Trust::Loopback if !address.is_loopback() => {
                 let what =
-                    format!("`--insecure-loopback` asks nobody for a key, and {address} is reached by other machines");
+                    format!("`--insecure-loopback` requires no key, but other machines can connect to {address}");
                 Err(Fault::new(what).help("listen on 127.0.0.1, or give a key with `--key-file`"))
             }
             Trust::Loopback | Trust::Key(_) => Ok(()),
@@ -95,7 +97,7 @@ impl Trust {
     /// Fails when this processor cannot encrypt.
     pub fn server(&self) -> Result<Option<Arc<ServerConfig>>, Fault> {
         let Trust::Key(key) = self else { return Ok(None) };
-        let wrong = |e: &dyn std::fmt::Display| Fault::bug(format!("the certificate of the cluster: {e}"));
+        let wrong = |e: &dyn std::fmt::Display| Fault::bug(format!("cannot make the certificate of the cluster: {e}"));
         let provider = cryptography()?;
         let certificate = CertificateDer::from(key.certificate.clone());
         let mut roots = RootCertStore::empty();
@@ -159,7 +161,7 @@ fn secret_of(file: &Path) -> Result<String, Fault> {
     let about = std::fs::metadata(file).map_err(unreadable)?;
     if about.is_file() && about.permissions().mode() & 0o077 != 0 {
         let fault = Fault::new(format!("other users of this machine can read the key in {shown}"));
-        return Err(fault.help(format!("`chmod 600 {shown}`, and make another key if they may have read it")));
+        return Err(fault.help(format!("run `chmod 600 {shown}`, and create a new key if others may have read it")));
     }
     std::fs::read_to_string(file).map_err(unreadable)
 }
@@ -171,12 +173,12 @@ impl Key {
     /// Fails when it is too short, or no word.
     fn derive(secret: &str) -> Result<Key, Fault> {
         let secret = secret.trim();
-        let fault = |what: String| Fault::new(what).help("`openssl rand -hex 32` makes a good one");
+        let fault = |what: String| Fault::new(what).help("create one with `openssl rand -hex 32`");
         if !secret.chars().all(|c| c.is_ascii_graphic()) {
-            return Err(fault("the key is not one word of visible ASCII characters".to_owned()));
+            return Err(fault("the key must be one word of visible ASCII characters".to_owned()));
         }
         if secret.len() < SHORTEST {
-            return Err(fault(format!("the key has {} characters; at least {SHORTEST} are needed", secret.len())));
+            return Err(fault(format!("the key has {} characters; at least {SHORTEST} are required", secret.len())));
         }
         cryptography()?;
         let seed = blake3::derive_key("magline 2026-11 cluster: the signing key of its members", secret.as_bytes());
@@ -184,7 +186,7 @@ impl Key {
         let inner = der(0x04, &[&seed]);
         let key = der(0x30, &[&der(0x02, &[&[0]]), &ed25519(), &der(0x04, &[&inner])]);
         let signing = Ed25519SigningKey::from_pkcs8_der(&key);
-        let signing = signing.map_err(|e| Fault::bug(format!("the key of the cluster: {e:?}")))?;
+        let signing = signing.map_err(|e| Fault::bug(format!("cannot use the key of the cluster: {e:?}")))?;
         let certificate = certificate(&signing);
         Ok(Key { certificate, key })
     }

@@ -173,7 +173,7 @@ impl Drop for Tether {
 
 async fn computed(rows: RecordBatch, version: String) -> Result<RecordBatch> {
     let Some(compute) = COMPUTE.get() else { return exec_err!("this process computes no tasks") };
-    let Some(tasks) = Handed::read(&rows) else { return exec_err!("what was handed out are not tasks of magline") };
+    let Some(tasks) = Handed::read(&rows) else { return exec_err!("the dispatched rows are not tasks of magline") };
     let leash = Leash::default();
     let mut tether = Tether(Some(leash.clone()));
     let answers = tokio::task::spawn_blocking(move || compute.answers(tasks, &version, &leash)).await;
@@ -284,7 +284,7 @@ impl PhysicalExtensionCodec for Codec {
                 Ok(Arc::new(Units::of(input.clone(), version.to_owned())))
             }
             (Some(version), [_]) => {
-                exec_err!("the run is of magline {version}, and the scheduler is magline {VERSION}: use one of them")
+                exec_err!("the run is magline {version}, but the scheduler is magline {VERSION}: use the same version")
             }
             (Some(_), _) => exec_err!("units of magline have one input"),
             (None, _) => self.ballista.try_decode(bytes, inputs, context, converter),

@@ -196,25 +196,28 @@ impl<'a> Handing<'a> {
         let seconds = patience.as_secs();
         if self.reached.longer_than(patience) {
             let what = format!("the scheduler at {authority} has not answered for {seconds} s: {}", self.trouble);
-            return Some(Fault::machine(what).help("start it again; the next run goes on from here"));
+            return Some(Fault::machine(what).help("restart the scheduler; the next run resumes"));
         }
         if self.restarts > MOST_RESTARTS {
-            let what = format!("the scheduler at {authority} was started again {MOST_RESTARTS} times");
-            return Some(Fault::machine(what).help("what it says on standard error says why"));
+            let what = format!("the scheduler at {authority} restarted more than {MOST_RESTARTS} times");
+            return Some(Fault::machine(what).help("read the standard error of the scheduler for the reason"));
         }
         if self.manned.longer_than(patience) {
             let others = match self.seen.others.as_slice() {
                 [] => String::new(),
-                others => format!("; there are some of another version: {}", others.join(", ")),
+                others => format!("; workers of another version: {}", others.join(", ")),
             };
             let last = if self.refused > 0 {
-                format!("; the last one refused its task: {}", self.trouble)
+                format!("; the last worker rejected its task: {}", self.trouble)
             } else {
                 String::new()
             };
-            let what = format!("no worker has been at the scheduler {authority} for {seconds} s{others}{last}");
+            let what = format!(
+                "no worker has been registered with the scheduler {authority} for {seconds} \
+                                s{others}{last}"
+            );
             return Some(Fault::machine(what).help(format!(
-                "start some with `magline worker --scheduler {authority} --store {}`, or wait longer with `--patience`",
+                "start workers with `magline worker --scheduler {authority} --store {}`, or increase `--patience`",
                 shown(self.wave.worker.store().root())
             )));
         }
@@ -318,8 +321,8 @@ impl<'a> Handing<'a> {
 
     fn refusal(&self) -> Fault {
         let store = shown(self.wave.worker.store().root());
-        Fault::machine(format!("the workers refuse the tasks: {}", self.trouble))
-            .help(format!("what a worker has as `--store` must be the store of this run, {store}"))
+        Fault::machine(format!("the workers reject the tasks: {}", self.trouble))
+            .help(format!("the `--store` of each worker must be the store of this run, {store}"))
     }
 
     /// The answers of a job.
@@ -328,7 +331,10 @@ impl<'a> Handing<'a> {
         for Answered { id, worker, receipt, refused: why } in answers {
             let Some(at) = self.tasks.get(&id).and_then(|i| left.iter().position(|l| l == i)) else {
                 // Computed twice, or not ours: what came back is not what was handed out.
-                let fault = Fault::bug(format!("the worker {worker} answers a task that it was not given, or twice"));
+                let fault = Fault::bug(format!(
+                    "the worker {worker} returned a receipt of a task that it does not \
+                                                have, or a duplicate"
+                ));
                 tasks.iter().for_each(|i| self.settle(*i, failed(&self.wave.tasks[*i], &fault)));
                 return;
             };
@@ -357,7 +363,7 @@ impl<'a> Handing<'a> {
             self.refused = 0;
             self.settle(i, receipt);
         } else {
-            self.again(i, Fault::machine("its worker was told to stop each time"));
+            self.again(i, Fault::machine("its worker was stopped in each attempt"));
         }
     }
 
@@ -424,7 +430,7 @@ impl<'a> Handing<'a> {
                 }
                 (Verdict::Again | Verdict::Take, _) => {
                     self.cancel(Some(number));
-                    let why = format!("no worker was at it for {} s, nor did one answer", STALL.as_secs());
+                    let why = format!("no worker computed it or returned a receipt for {} s", STALL.as_secs());
                     tasks.into_iter().for_each(|i| self.again(i, Fault::machine(why.clone())));
                 }
             }

@@ -156,9 +156,10 @@ fn executed(config: &Config, name: String, folder: &Path) -> Result<Ended, Fault
         Ok(()) if INTERRUPTED.load(Ordering::SeqCst) => Ok(Ended::Told),
         Ok(()) => Ok(Ended::Alone),
         Err(e) => {
-            let what = format!("the scheduler at {}:{} does not take this worker: {e}", config.host, config.port);
+            let what = format!("the scheduler at {}:{} rejects this worker: {e}", config.host, config.port);
             Err(Fault::machine(what).help(format!(
-                "it reaches this worker at {own}, ports {} and {}: `--bind`, `--port` and `--advertise` name others",
+                "it connects to this worker at {own}, ports {} and {}; change them with `--bind`, `--port` and \
+                 `--advertise`",
                 ports.0, ports.1
             )))
         }
@@ -169,7 +170,12 @@ fn executed(config: &Config, name: String, folder: &Path) -> Result<Ended, Fault
 fn listeners(config: &Config) -> Result<(TcpListener, TcpListener), Fault> {
     let next = match config.ports {
         0 => 0,
-        port => port.checked_add(1).ok_or_else(|| Fault::new("there is no port after 65535"))?,
+        port => port.checked_add(1).ok_or_else(|| {
+            Fault::new(
+                "`--port` must be below 65535, because two consecutive \
+                                                              ports are used",
+            )
+        })?,
     };
     let listen = |port: u16| {
         let listener = TcpListener::bind((config.bind, port))?;
@@ -311,9 +317,8 @@ impl Crew {
                     let why = format!("{why} (its store is {})", shown(&self.0.store));
                     // It would take one task after another from those that can do them.
                     if !self.0.proven.load(Ordering::Relaxed) {
-                        let fault =
-                            Fault::machine(format!("the first task that this worker was given is refused: {why}"));
-                        leave(fault.help("`--store` names what runs have as `store`"), FETCHED_AFTER);
+                        let fault = Fault::machine(format!("this worker rejects its first task: {why}"));
+                        leave(fault.help("`--store` must be the `store` of the runs"), FETCHED_AFTER);
                     }
                     return refused(why);
                 }
@@ -334,7 +339,7 @@ impl Compute for Crew {
     fn answers(&self, tasks: Vec<Handed>, version: &str, leash: &Leash) -> Vec<Answered> {
         if version != VERSION {
             leave(Trouble::Other(format!("magline {version}")).fault(&self.0.authority), FETCHED_AFTER);
-            let why = format!("the worker is magline {VERSION}, and the run is of magline {version}");
+            let why = format!("the worker is magline {VERSION}, but the run is magline {version}");
             let one = |h: Handed| Answered {
                 id: h.id,
                 worker: self.0.name.clone(),

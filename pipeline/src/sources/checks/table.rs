@@ -43,12 +43,19 @@ pub fn table(rows: &[(&str, &str, &Measure)]) -> Result<RecordBatch, Fault> {
     let columns = [
         (flight, text(&|r| r.0.to_owned()), "", Role::Key, "flight identifier"),
         (line, text(&|r| r.1.to_owned()), "", Role::Key, "line identifier"),
-        (column, text(&|r| r.2.column.clone()), "", Role::Key, "the column, or the vector magnetometer"),
-        (check, text(&|r| r.2.check.as_str().to_owned()), "", Role::Key, "what was checked"),
-        (value, number(|m| m.value), "", Role::Derived, "the figure; null where the check has none"),
-        (unit, text(&|r| r.2.unit.clone()), "", Role::Derived, "its unit"),
-        (of, count, "", Role::Derived, "the number of samples that it is about"),
-        (first_tt, number(|m| m.first_tt), "s", Role::Derived, "the time of the first of them; null for all"),
+        (column, text(&|r| r.2.column.clone()), "", Role::Key, "the column or the vector magnetometer"),
+        (check, text(&|r| r.2.check.as_str().to_owned()), "", Role::Key, "the check"),
+        (value, number(|m| m.value), "", Role::Derived, "the result of the check; null without a result"),
+        (unit, text(&|r| r.2.unit.clone()), "", Role::Derived, "the unit of `value`"),
+        (of, count, "", Role::Derived, "the number of affected samples"),
+        (
+            first_tt,
+            number(|m| m.first_tt),
+            "s",
+            Role::Derived,
+            "the time of the first affected sample; null if all \
+                                                                are affected",
+        ),
     ];
     let fields: Vec<Field> = columns
         .iter()

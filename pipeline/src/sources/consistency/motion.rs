@@ -134,7 +134,7 @@ fn motion(line: &Line, set: Set) -> Option<(Fault, Finding)> {
         None => return None,
     };
     let what = format!(
-        "the positions move at {} m/s where `{}` and `{}` are {} m/s on average",
+        "the positions move at {} m/s on average, but `{}` and `{}` are {} m/s",
         shown(round(moved)),
         set.vn,
         set.ve,
@@ -162,9 +162,9 @@ fn in_other_units(line: &Line, set: Set, all: &[Chord]) -> Vec<(f64, String)> {
 /// The same for axes that are swapped or turned.
 fn otherwise(line: &Line, set: Set, all: &[Chord]) -> [(f64, String); 2] {
     let (n, e) = (line.origins.name(set.vn), line.origins.name(set.ve));
-    let signs = format!("longitude and `{e}` have opposite signs; both are positive to the east");
+    let signs = format!("longitude and `{e}` have opposite signs; both must be positive to the east");
     [
-        (disagreement(all, |f| [f[1], f[0]]), format!("`{n}` and `{e}` look swapped")),
+        (disagreement(all, |f| [f[1], f[0]]), format!("`{n}` and `{e}` are probably swapped; use `rename`")),
         (disagreement(all, |f| [f[0], -f[1]]), signs),
     ]
 }

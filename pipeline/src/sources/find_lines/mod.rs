@@ -80,13 +80,13 @@ impl Found {
         }
         let known = |x: &[f64]| x.iter().any(|x| x.is_finite());
         let fault = if !known(&self.motion.course_deg) {
-            let what = format!("flight {flight} has neither positions nor headings to find lines from");
-            let help = "find them with all tables of the log, `magline ingest LOG --lines auto --to DIR`, and name the table \
-                        that it writes: `lines = \"DIR/_lines/LOG.csv\"`";
+            let what = format!("flight {flight} has neither positions nor headings, so lines cannot be found");
+            let help = "find the lines with all tables of the log, `magline ingest LOG --lines auto --to DIR`, and use \
+                        the table that it writes: `lines = \"DIR/_lines/LOG.csv\"`";
             Fault::data(what).help(help)
         } else {
-            let what = format!("no lines were found in flight {flight}: it moves straight on for long nowhere");
-            Fault::data(what).help("name a table of `flight`, `line`, `t_start` and `t_end`, or leave `lines` out")
+            let what = format!("no lines were found in flight {flight}: it has no long straight stretch");
+            Fault::data(what).help("give a table of `flight`, `line`, `t_start` and `t_end`, or remove `lines`")
         };
         Some(fault)
     }

@@ -63,7 +63,11 @@ impl Bound {
         let rows = decl.head.value.rows.as_ref().and_then(|sql| {
             let sql = columns.expression(sql, decl.head.at("rows"))?;
             if sql.value.data_type() != &DataType::Boolean {
-                let what = format!("`rows` must be true or false for a row, but this gives {}", sql.value.data_type());
+                let what = format!(
+                    "`rows` must be true or false for each row, but this expression gives \
+                                    {}",
+                    sql.value.data_type()
+                );
                 columns.push(Fault::new(what).at(sql.at.clone()));
                 return None;
             }
@@ -90,13 +94,13 @@ impl Bound {
             others(decl, columns, &mut made);
         }
         if made.outputs.is_empty() && columns.faults.is_empty() {
-            let fault = Fault::new(format!("the table `{}` has no columns beside its time", decl.name));
+            let fault = Fault::new(format!("the table `{}` has no columns except its time", decl.name));
             columns.push(fault.help("add `columns`, `vectors` or `others = true`").at(decl.head.at.clone()));
         }
         let mut fields: Vec<Field> = flight::KEYS.iter().map(|name| key_field(name)).collect();
         for (one, at) in made.fields {
             if fields.iter().any(|f| f.name() == one.name()) {
-                let what = format!("two columns of the table `{}` would be `{}`", decl.name, one.name());
+                let what = format!("two columns of the table `{}` have the name `{}`", decl.name, one.name());
                 columns.push(Fault::new(what).at(at));
             }
             fields.push(one);
@@ -155,7 +159,7 @@ impl Bound {
     pub fn kept(&self, batch: &RecordBatch) -> Result<Option<Vec<bool>>, Fault> {
         let Some(sql) = &self.rows else { return Ok(None) };
         let mask = sql.evaluate(batch)?;
-        let mask: &BooleanArray = mask.as_boolean_opt().ok_or_else(|| Fault::bug("`rows` gave no truth values"))?;
+        let mask: &BooleanArray = mask.as_boolean_opt().ok_or_else(|| Fault::bug("`rows` gave no Boolean values"))?;
         Ok(Some(mask.iter().map(|x| x.unwrap_or(false)).collect()))
     }
 }
@@ -205,8 +209,8 @@ fn key(
         Some(KeyDecl::Constant(text)) => return Some(KeySource::Constant(text.clone())),
         Some(KeyDecl::Of(of)) => of,
         None => {
-            let fault = Fault::new(format!("the mapping does not say the {name} of the table `{}`", decl.name));
-            let help = format!("give `{name}` in the table of the spec, on the command line or in the mapping");
+            let fault = Fault::new(format!("the mapping has no {name} for the table `{}`", decl.name));
+            let help = format!("set `{name}` in the table of the spec, on the command line or in the mapping");
             columns.push(fault.help(help).at(decl.head.at.clone()));
             return None;
         }
@@ -216,7 +220,7 @@ fn key(
         (None, Some(sql), false) => columns.expression(sql, of.at("sql")).map(KeySource::Sql),
         (None, None, true) => Some(KeySource::Constant(stem.to_owned())),
         _ => {
-            let fault = Fault::new(format!("`{name}` needs one of `from`, `sql` and `of_file`"));
+            let fault = Fault::new(format!("`{name}` requires exactly one of `from`, `sql` and `of_file`"));
             columns.push(fault.at(of.at.clone()));
             None
         }

@@ -43,7 +43,7 @@ impl<'a> Columns<'a> {
             let mut fault = fault.nearest(name, &names);
             if let Some(ready) = other_ready::fitting(self.source) {
                 let known = fault.help.unwrap_or_default();
-                fault.help = Some(format!("{known}; the ready mapping `{ready}` reads a table with these columns"));
+                fault.help = Some(format!("{known}; the built-in mapping `{ready}` reads a table with these columns"));
             }
             self.push(fault.at(at));
         }
@@ -57,8 +57,8 @@ impl<'a> Columns<'a> {
         if is_number(kind) {
             return Some(found);
         }
-        let fault = Fault::new(format!("the column `{name}` of {} holds {kind}, not numbers", self.place));
-        self.push(fault.help("an expression makes numbers of text: `sql = \"cast(... as double)\"`").at(at));
+        let fault = Fault::new(format!("the column `{name}` of {} contains {kind}, not numbers", self.place));
+        self.push(fault.help("convert text to numbers with an expression: `sql = \"cast(... as double)\"`").at(at));
         None
     }
 

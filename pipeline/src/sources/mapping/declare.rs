@@ -3,11 +3,11 @@
 use schemas::{Fault, Lists, Literal, Nested, Param, ParamDoc, Reader, Rule, Sections, Value, choice, params};
 
 choice! {
-    /// What a time counts from.
+    /// The zero of a time.
     pub enum Clock {
-        /// The start of the log; `epoch` says when that was.
+        /// The start of the log, given by `epoch`.
         Boot = "boot",
-        /// Midnight; of UTC, or of `zone`.
+        /// Midnight in UTC or in `zone`.
         Day = "day",
         /// 1970-01-01 UTC.
         Unix = "unix",
@@ -19,17 +19,17 @@ choice! {
 }
 
 choice! {
-    /// Which entry of a quaternion is the real part.
+    /// The order of the entries of a quaternion.
     pub enum Order {
-        /// The first.
+        /// The real part is first.
         Wxyz = "wxyz",
-        /// The last.
+        /// The real part is last.
         Xyzw = "xyzw",
     }
 }
 
 choice! {
-    /// The frames that a quaternion turns a vector from and to.
+    /// The source and target frames of a quaternion.
     pub enum Frames {
         /// Nose-right-down to north-east-down.
         FrdToNed = "frd_to_ned",
@@ -39,11 +39,11 @@ choice! {
 }
 
 choice! {
-    /// What a column may be used for.
+    /// The permitted use of a column.
     pub enum ColumnRole {
         /// A target or reference, never a feature.
         Truth = "truth",
-        /// What the aircraft measures.
+        /// A measurement of the aircraft.
         Sensor = "sensor",
         /// Anything else.
         Aux = "aux",
@@ -95,57 +95,57 @@ impl Value for Constant {
 params! {
     /// A time as a file has it.
     pub struct Stamp, all default;
-    /// The column of the time; several columns of text are joined by a space, such as a date and a time.
+    /// The column of the time. Several text columns, such as date and time, are joined by a space.
     from: Vec<String>, unit "", default Vec::<String>::new();
-    /// What it counts from.
-    clock: Option<Clock>, unit "", default None, absent "it must be given";
-    /// The unit it counts in.
-    unit: Option<String>, unit "", default None, absent "what the file says";
+    /// The clock: the zero of the time.
+    clock: Option<Clock>, unit "", default None, absent "required";
+    /// The unit of the time.
+    unit: Option<String>, unit "", default None, absent "from the file";
     /// The GPS week: a column or a number.
-    week: Option<Constant>, unit "", default None, absent "it must be given with `clock = \"gps\"`";
-    /// How often the 10 bits of the week that a receiver counts have run over since 1980: 2 from April 2019 on.
+    week: Option<Constant>, unit "", default None, absent "required with `clock = \"gps\"`";
+    /// The number of rollovers since 1980 of the 10-bit week of a receiver: 2 since April 2019.
     rollovers: usize, unit "", default 0usize, rule Rule::Between(0.0, 10.0);
-    /// GPS time less UTC.
-    leap_s: Option<f64>, unit "s", default None, absent "that of the date", rule Rule::Between(0.0, 100.0);
+    /// GPS time minus UTC.
+    leap_s: Option<f64>, unit "s", default None, absent "from the date", rule Rule::Between(0.0, 100.0);
     /// The form of the text, in the letters of `strftime`: `%d/%m/%Y %H:%M:%S%.f`.
     format: Option<String>, unit "", default None, absent "ISO 8601";
     /// The offset of local time from UTC: `+10:00` east of Greenwich. Times that have their own zone need none.
     zone: Option<String>, unit "", default None, absent "UTC";
     /// The date of the first row, for a time of the day: `2012-10-10`, in `zone` where that is given.
-    date: Option<String>, unit "", default None, absent "not known";
+    date: Option<String>, unit "", default None, absent "unknown";
 }
 
 params! {
     /// When a log's own clock was 0.
     pub struct Epoch, groups [
-        /// The UTC time that is logged beside the log's own clock.
+        /// The UTC time that is logged with the log's own clock.
         stamp: Stamp,
     ];
     /// The UTC time at which the log's clock was 0: `2012-10-10`, or `2012-10-10T18:20:00Z`.
-    utc: Option<String>, unit "", default None, absent "found from `from` and `boot`";
+    utc: Option<String>, unit "", default None, absent "computed from `from` and `boot`";
     /// The topic that holds both clocks.
-    topic: Option<String>, unit "", default None, absent "that of the table";
-    /// The file that holds both clocks, beside the log.
+    topic: Option<String>, unit "", default None, absent "the topic of the table";
+    /// The file with both clocks, in the folder of the log.
     file: Option<String>, unit "", default None, absent "the log";
-    /// The column of the log's own clock there.
-    boot: Option<String>, unit "", default None, absent "it must be given with `from`";
-    /// Its unit.
-    boot_unit: Option<String>, unit "", default None, absent "what the file says";
-    /// What is added to `boot`: with -7.75, a clock that is 7.75 s behind that of `boot`.
+    /// The column of the log's own clock in this topic or file.
+    boot: Option<String>, unit "", default None, absent "required with `from`";
+    /// The unit of `boot`.
+    boot_unit: Option<String>, unit "", default None, absent "from the file";
+    /// The offset added to `boot`: -7.75 for a clock that is 7.75 s behind the clock of `boot`.
     boot_offset_s: f64, unit "s", default 0.0, rule Rule::Finite;
-    /// A SQL condition: the rows with a valid time.
+    /// An SQL condition that selects the rows with a valid time.
     rows: Option<String>, unit "", default None, absent "all";
-    /// `true`: nobody knows. `tt` is then the log's own clock, and there is no date.
+    /// `true` if the start time is unknown. `tt` is then the log's own clock, without a date.
     unknown: bool, unit "", default false;
 }
 
 params! {
-    /// A flight or a line, where it is not one text for all.
+    /// The flight or line of each row, if it is not one text for all rows.
     pub struct KeyOf, all default;
-    /// The column that names it.
-    from: Option<String>, unit "", default None, absent "another key says it";
-    /// A SQL expression that names it.
-    sql: Option<String>, unit "", default None, absent "another key says it";
+    /// The column with the identifier.
+    from: Option<String>, unit "", default None, absent "set by another key";
+    /// An SQL expression for the identifier.
+    sql: Option<String>, unit "", default None, absent "set by another key";
     /// `true`: the name of the file, without its extension.
     of_file: bool, unit "", default false;
 }
@@ -154,82 +154,82 @@ params! {
     /// A column of the flight table.
     pub struct ColumnOf, all default;
     /// The column of the file.
-    from: Option<String>, unit "", default None, absent "another key says it";
-    /// A SQL expression over the columns of the file, one row at a time; names in double quotes.
-    sql: Option<String>, unit "", default None, absent "another key says it";
+    from: Option<String>, unit "", default None, absent "set by another key";
+    /// An SQL expression over the columns of the file, evaluated for each row. Write column names in double quotes.
+    sql: Option<String>, unit "", default None, absent "set by another key";
     /// One value for all rows.
-    value: Option<Constant>, unit "", default None, absent "another key says it";
-    /// The unit of the file's values, or of the value of `sql`; `scale` and `offset` are in it.
-    unit: Option<String>, unit "", default None, absent "what the file says";
-    /// The column is `scale` times the file's value, plus `offset`: -1 turns the sign.
+    value: Option<Constant>, unit "", default None, absent "set by another key";
+    /// The unit of the file's values or of the result of `sql`, after `scale` and `offset`.
+    unit: Option<String>, unit "", default None, absent "from the file";
+    /// The column is `scale` times the file's value, plus `offset`; -1 changes the sign.
     scale: f64, unit "1", default 1.0, rule Rule::Finite;
-    /// What is added after that, in `unit`.
-    offset: f64, unit "that of the column", default 0.0, rule Rule::Finite;
-    /// What it may be used for, where its name does not say.
-    role: Option<ColumnRole>, unit "", default None, absent "that of its name";
-    /// What it is.
-    description: Option<String>, unit "", default None, absent "that of its name";
+    /// The offset added after `scale`, in `unit`.
+    offset: f64, unit "of the column", default 0.0, rule Rule::Finite;
+    /// The permitted use of the column, if its name does not determine it.
+    role: Option<ColumnRole>, unit "", default None, absent "from its name";
+    /// The description of the column.
+    description: Option<String>, unit "", default None, absent "from its name";
 }
 
 params! {
-    /// A vector sensor: three columns of the file in its own axes, turned into the body frame (nose, right wing, down).
+    /// A vector sensor: three columns in sensor axes, rotated to the body frame (nose, right wing, down).
     pub struct VectorOf, all default;
     /// The columns of the sensor's x, y and z.
     from: Vec<String>, unit "", default Vec::<String>::new();
-    /// SQL expressions for the sensor's x, y and z, in place of `from`.
+    /// SQL expressions for the sensor's x, y and z, instead of `from`.
     sql: Vec<String>, unit "", default Vec::<String>::new();
-    /// The unit of the file's values, or of those of `sql`.
-    unit: Option<String>, unit "", default None, absent "what the file says";
-    /// Factors of the sensor's x, y and z, or one for all.
+    /// The unit of the file's values, or of the results of `sql`.
+    unit: Option<String>, unit "", default None, absent "from the file";
+    /// The factors of the sensor's x, y and z, or one factor for all.
     scale: Vec<f64>, unit "1", default vec![1.0], rule Rule::Finite;
-    /// What is added to the sensor's x, y and z after that, in `unit`.
-    offset: Vec<f64>, unit "that of the sensor", default vec![0.0, 0.0, 0.0], rule Rule::Finite;
-    /// Which axis of the sensor lies along the nose, the right wing and down, each with its sign: `+x -y -z` is a sensor
-    /// whose y and z axes point to the left and up.
+    /// The offsets added to the sensor's x, y and z after `scale`, in `unit`.
+    offset: Vec<f64>, unit "of the sensor", default vec![0.0, 0.0, 0.0], rule Rule::Finite;
+    /// The signed sensor axes along the nose, the right wing and down. `+x -y -z` is a sensor whose y and z axes point
+    /// to the left and up.
     axes: String, unit "", default "+x +y +z";
-    /// Roll, pitch and yaw of the sensor's axes (after `axes`) against those of the body:
-    /// body = Rz(yaw) Ry(pitch) Rx(roll) sensor, the rotation that attitude angles describe.
+    /// Roll, pitch and yaw of the sensor's axes (after `axes`) relative to the body axes:
+    /// body = Rz(yaw) Ry(pitch) Rx(roll) sensor, the rotation of attitude angles.
     rotation_deg: Vec<f64>, unit "deg", default vec![0.0, 0.0, 0.0], rule Rule::Finite;
-    /// What it may be used for, where its name does not say.
-    role: Option<ColumnRole>, unit "", default None, absent "that of its name";
-    /// What it is.
-    description: Option<String>, unit "", default None, absent "that of its name";
+    /// The permitted use of the column, if its name does not determine it.
+    role: Option<ColumnRole>, unit "", default None, absent "from its name";
+    /// The description of the column.
+    description: Option<String>, unit "", default None, absent "from its name";
 }
 
 params! {
-    /// An attitude that the file holds as a quaternion.
+    /// An attitude in the form of a quaternion.
     pub struct QuaternionOf;
     /// The four columns of the file.
     from: Vec<String>, unit "";
     /// The columns of roll, pitch and yaw.
     to: Vec<String>, unit "", default vec!["ins_roll".to_owned(), "ins_pitch".to_owned(), "ins_yaw".to_owned()];
-    /// Which entry is the real part.
+    /// The order of the entries.
     order: Order, unit "", default Order::Wxyz;
-    /// The frames it turns a vector from and to.
+    /// The source and target frames of the rotation.
     frames: Frames, unit "", default Frames::FrdToNed;
 }
 
 params! {
     /// One table of a mapping, without its clock, keys and columns.
     pub struct Head, all default;
-    /// The message, topic or array that it reads.
+    /// The message, topic or array of the table.
     topic: Option<String>, unit "", default None, absent "the file is one table";
-    /// A pattern of the names of the files that hold it, such as `mag*.parquet`.
+    /// A pattern for the names of its files, such as `mag*.parquet`.
     file: Option<String>, unit "", default None, absent "any file";
     /// The format of the files.
-    format: Option<String>, unit "", default None, absent "known from the content and the extension";
-    /// A SQL condition; rows for which it does not hold are left out.
+    format: Option<String>, unit "", default None, absent "from content and extension";
+    /// An SQL condition that selects rows; other rows are dropped.
     rows: Option<String>, unit "", default None, absent "all";
-    /// Whether columns that the mapping does not name come along under their own names.
+    /// Whether to keep the columns that the mapping does not name, under their own names.
     others: bool, unit "", default false;
-    /// Whether a row that repeats the time of the row before is left out. Such rows are counted in a note.
+    /// Whether to drop a row with the time of the previous row. A note has the number of dropped rows.
     drop_repeated: bool, unit "", default false;
 }
 
 params! {
     /// The attitudes of a table.
     pub struct Attitudes, all default;
-    /// Attitudes that the file holds as quaternions.
+    /// Attitudes in the form of quaternions.
     quaternions: Sections<QuaternionOf>, unit "", default Vec::<QuaternionOf>::new();
 }
 
@@ -238,6 +238,6 @@ params! {
     pub struct Time;
     /// The time of each row.
     time: Nested<Stamp>, unit "";
-    /// When the log's own clock was 0, for `clock = "boot"`.
-    epoch: Option<Nested<Epoch>>, unit "", default None, absent "that of the mapping";
+    /// The time at which the log's own clock was 0, for `clock = "boot"`.
+    epoch: Option<Nested<Epoch>>, unit "", default None, absent "the epoch of the mapping";
 }

@@ -97,7 +97,7 @@ impl Reading {
         let format = self.text(&root.keys, "format");
         let mut tables = vec![];
         match root.keys.get("tables") {
-            None => self.faults.push(Fault::new("a mapping needs a table").help("add `[tables.NAME]`")),
+            None => self.faults.push(Fault::new("a mapping requires a table").help("add `[tables.NAME]`")),
             Some(given) => {
                 for (name, given) in self.entries("tables", given) {
                     tables.extend(self.table(&name, &given, root, format.as_deref()));
@@ -130,8 +130,8 @@ impl Reading {
     fn table(&mut self, name: &str, given: &Given, root: &Section, format: Option<&str>) -> Option<TableDecl> {
         let fine = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';
         if !(name.starts_with(|c: char| c.is_ascii_alphabetic()) && name.chars().all(fine)) {
-            let fault = Fault::new(format!("`{}` cannot be the name of a table", name.escape_default()));
-            let help = "a name begins with a letter and holds letters, digits, `_` and `-`";
+            let fault = Fault::new(format!("`{}` is not a valid name of a table", name.escape_default()));
+            let help = "a name begins with a letter and contains only letters, digits, `_` and `-`";
             self.faults.push(fault.help(help).at(given.key_at.clone()));
             return None;
         }
@@ -184,7 +184,7 @@ impl Reading {
             Literal::Text(_) | Literal::Int(_) => Some(KeyDecl::Constant(given.value.to_string())),
             // A number with a fraction would lose its last zeros.
             Literal::Bool(_) | Literal::List(_) | Literal::Float(_) => {
-                let what = format!("`{name}` must be a text or a table, not a {}", given.value.type_name());
+                let what = format!("`{name}` must be text or a table, not a {}", given.value.type_name());
                 self.faults.push(Fault::new(what).at(given.at.clone()));
                 None
             }

@@ -43,19 +43,19 @@ pub fn find(
     formats: &[FlightFormat],
 ) -> Result<Found, ReadError> {
     let Some(epoch) = &decl.epoch else {
-        let fault = Fault::new("the time counts from the start of the log, and nothing says when that was");
-        let help = "say `epoch`: a `utc` time, a `topic` that holds both clocks, or `unknown = true`";
+        let fault = Fault::new("the time counts from the start of the log, but the start time is unknown");
+        let help = "set `epoch`: a `utc` time, a `topic` with both clocks, or `unknown = true`";
         return Err(mapping.wrong(vec![fault.help(help).at(decl.time.at.clone())]));
     };
     let said = &epoch.value;
     let name = log.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let found = [said.unknown, said.utc.is_some(), !said.stamp.from.is_empty()];
     if found.iter().filter(|x| **x).count() != 1 {
-        let fault = Fault::new("`epoch` needs one of `utc`, `from` and `unknown`");
+        let fault = Fault::new("`epoch` requires one of `utc`, `from` and `unknown`");
         return Err(mapping.wrong(vec![fault.at(epoch.at.clone())]));
     }
     if said.unknown {
-        let note = format!("{name}: `tt` counts from the start of the log, whose time of day and date are not known");
+        let note = format!("{name}: `tt` counts from the start of the log; its time of day and date are unknown");
         return Ok(Found { instant: None, note });
     }
     if let Some(utc) = &said.utc {
@@ -67,7 +67,7 @@ pub fn find(
         return Ok(Found { instant: Some(instant), note: String::new() });
     }
     let Some(boot) = &said.boot else {
-        let fault = Fault::new("`epoch` needs `boot`: the column of the log's own clock beside `from`");
+        let fault = Fault::new("`epoch` requires `boot`, the column of the log's own clock");
         return Err(mapping.wrong(vec![fault.at(epoch.at.clone())]));
     };
     let path = other_file(said, log).unwrap_or_else(|| log.to_owned());
@@ -84,8 +84,8 @@ pub fn find(
     let boot = BootColumn::new(boot, unit, epoch.at("boot"), &mut columns);
     if let Some(bound) = bound.as_ref().filter(|b| columns.faults.is_empty() && !b.time.is_dated()) {
         let what = if bound.time.is_boot() { "`boot`" } else { "a clock without a date" };
-        let fault = Fault::new(format!("{what} says nothing of when the log began"));
-        columns.push(fault.help("`unix`, `gps` or `text` with a date do").at(epoch.at("clock")));
+        let fault = Fault::new(format!("{what} does not give the start time of the log"));
+        columns.push(fault.help("use `unix`, `gps`, or `text` with a date").at(epoch.at("clock")));
     }
     let (Some(mut bound), Some(boot), true) = (bound, boot, columns.faults.is_empty()) else {
         return Err(mapping.wrong(columns.faults));
@@ -108,15 +108,14 @@ pub fn find(
         }
     }
     let Some(day) = starts.first().map(|s| s.day) else {
-        let fault = Fault::data(format!("no row of {place} says when the log began"));
-        let help =
-            "say `epoch = { utc = \"2012-10-10T18:20:00Z\" }`, or `{ unknown = true }`, in a mapping of your own";
+        let fault = Fault::data(format!("no row of {place} gives the start time of the log"));
+        let help = "set `epoch = { utc = \"2012-10-10T18:20:00Z\" }`, or `{ unknown = true }`, in your own mapping";
         return Err(mapping.wrong(vec![fault.help(help).at(epoch.at.clone())]));
     };
     let mut seconds: Vec<f64> = starts.iter().map(|s| s.seconds_since(day)).collect();
     let (low, high) = seconds.iter().fold((f64::MAX, f64::MIN), |(l, h), s| (l.min(*s), h.max(*s)));
     let instant = Instant::new(day, median(&mut seconds));
-    let set = if high - low > SET_S { ": one of the clocks was set meanwhile" } else { "" };
+    let set = if high - low > SET_S { "; one of the clocks was set during the log" } else { "" };
     let note = format!(
         "{name}: its clock was 0 on {} at {} UTC, the median of {} rows of {place}, which differ by up to {:.3} s{set}",
         date_text(instant.day),

@@ -34,13 +34,16 @@ fn unit_of(
         if wanted.is_empty() {
             return Some(String::new());
         }
-        let what = format!("neither the file nor the mapping says the unit of `{name}`, which is in {wanted}");
+        let what = format!(
+            "the unit of `{name}` is in neither the file nor the mapping; `{name}` is converted to \
+                            {wanted}"
+        );
         let known = convertible_to(wanted).join(", ");
-        columns.push(Fault::new(what).help(format!("say `unit`: {known}")).at(at.0));
+        columns.push(Fault::new(what).help(format!("set `unit`: {known}")).at(at.0));
         return None;
     };
     if !wanted.is_empty() && convert(own, wanted).is_none() {
-        let who = if unit.is_some() { "" } else { "the file says that " };
+        let who = if unit.is_some() { "" } else { "according to the file, " };
         let what = format!("{who}`{name}` is in `{own}`, which does not convert to {wanted}");
         columns.push(Fault::new(what).nearest(own, &convertible_to(wanted)).at(at.1));
         return None;
@@ -60,8 +63,8 @@ fn role_of(name: &str, given: Option<ColumnRole>, at: Span, columns: &mut Column
         return given.unwrap_or(known.role);
     }
     if let Some(other) = given.filter(|role| *role != known.role) {
-        let what = format!("a column `{name}` is of the role {}, not {}", known.role.as_str(), other.as_str());
-        columns.push(Fault::new(what).help("the name says the role: give it another name").at(at));
+        let what = format!("a column `{name}` has the role {}, not {}", known.role.as_str(), other.as_str());
+        columns.push(Fault::new(what).help("the name determines the role; use another name").at(at));
     }
     known.role
 }
@@ -69,8 +72,8 @@ fn role_of(name: &str, given: Option<ColumnRole>, at: Span, columns: &mut Column
 fn is_key(name: &str, at: &Span, columns: &mut Columns) -> bool {
     let key = flight::KEYS.contains(&name);
     if key {
-        let help = if name == "tt" { "say it in `time`" } else { "say it beside `columns`" };
-        columns.push(Fault::new(format!("`{name}` is no column to map")).help(help).at(at.clone()));
+        let help = if name == "tt" { "set it in `time`" } else { "set it in the table itself, not in `columns`" };
+        columns.push(Fault::new(format!("`{name}` cannot be mapped as a column")).help(help).at(at.clone()));
     }
     key
 }
@@ -103,7 +106,7 @@ pub(super) fn one_column(name: &str, column: &Placed<ColumnOf>, columns: &mut Co
             let Some(sql) = columns.expression(sql, column.at("sql")) else { return };
             let kind = sql.value.data_type().clone();
             if (linear || !known.unit.is_empty()) && !is_number(&kind) {
-                let what = format!("`{name}` is made of numbers, but this expression gives {kind}");
+                let what = format!("`{name}` requires numbers, but this expression gives {kind}");
                 columns.push(Fault::new(what).at(column.at("sql")));
                 return;
             }
@@ -129,7 +132,7 @@ pub(super) fn one_column(name: &str, column: &Placed<ColumnOf>, columns: &mut Co
             (Output::Text(text.clone()), DataType::Utf8, None)
         }
         _ => {
-            let fault = Fault::new(format!("`{name}` needs one of `from`, `sql` and `value`"));
+            let fault = Fault::new(format!("`{name}` requires exactly one of `from`, `sql` and `value`"));
             columns.push(fault.at(column.at.clone()));
             return;
         }
@@ -139,7 +142,10 @@ pub(super) fn one_column(name: &str, column: &Placed<ColumnOf>, columns: &mut Co
     if let (Some(ours), Some(theirs)) = (&said.unit, &own_unit)
         && convert(theirs, ours).is_some_and(|factor| factor != 1.0)
     {
-        made.notes.push(format!("`{name}`: the file says {theirs}, the mapping {ours}, which is taken"));
+        made.notes.push(format!(
+            "`{name}`: the unit is {theirs} in the file and {ours} in the mapping; the mapping is \
+                                 used"
+        ));
     }
     let description = said.description.as_deref().unwrap_or(known.description);
     made.fields.push((field(name, kind, &unit, role, description), column.at.clone()));
@@ -151,7 +157,7 @@ pub(super) fn one_vector(name: &str, vector: &Placed<VectorOf>, columns: &mut Co
     let axes = read_axes(&said.axes);
     if axes.is_none() {
         let fault = Fault::new(format!("`axes` cannot be `{}`", said.axes));
-        let help = "name each axis of the sensor once, with its sign, such as `+x -y -z`";
+        let help = "give each axis of the sensor once, with its sign, such as `+x -y -z`";
         columns.push(fault.help(help).at(vector.at("axes")));
     }
     let rotation: Option<[f64; 3]> = three(&said.rotation_deg, "rotation_deg", vector, columns);
@@ -167,8 +173,8 @@ pub(super) fn one_vector(name: &str, vector: &Placed<VectorOf>, columns: &mut Co
                 said.from.iter().map(|name| columns.number(name, vector.at("from"))).collect();
             let units: Vec<Option<&str>> = found.iter().map(|at| at.and_then(|at| columns.said(at))).collect();
             if units.windows(2).any(|w| w[0] != w[1]) && said.unit.is_none() {
-                let what = format!("the file gives the axes of `{name}` different units");
-                columns.push(Fault::new(what).help("say `unit`").at(vector.at("from")));
+                let what = format!("the axes of `{name}` have different units in the file");
+                columns.push(Fault::new(what).help("set `unit`").at(vector.at("from")));
             }
             own_unit = units.first().copied().flatten().map(str::to_owned);
             found.into_iter().map(|at| at.map(Numbers::Column)).collect()
@@ -177,7 +183,11 @@ pub(super) fn one_vector(name: &str, vector: &Placed<VectorOf>, columns: &mut Co
             let each = said.sql.iter().map(|sql| {
                 let sql = columns.expression(sql, vector.at("sql"))?;
                 if !is_number(sql.value.data_type()) {
-                    let what = format!("`{name}` is made of numbers, but this gives {}", sql.value.data_type());
+                    let what = format!(
+                        "`{name}` requires numbers, but this expression gives \
+                                        {}",
+                        sql.value.data_type()
+                    );
                     columns.push(Fault::new(what).at(sql.at.clone()));
                     return None;
                 }
@@ -186,7 +196,7 @@ pub(super) fn one_vector(name: &str, vector: &Placed<VectorOf>, columns: &mut Co
             each.collect()
         }
         _ => {
-            let fault = Fault::new(format!("`{name}` needs `from`, or `sql`, with three entries: x, y and z"));
+            let fault = Fault::new(format!("`{name}` requires `from` or `sql` with three entries: x, y and z"));
             columns.push(fault.at(vector.at.clone()));
             return;
         }
@@ -197,7 +207,10 @@ pub(super) fn one_vector(name: &str, vector: &Placed<VectorOf>, columns: &mut Co
     if let (Some(ours), Some(theirs)) = (&said.unit, &own_unit)
         && convert(theirs, ours).is_some_and(|factor| factor != 1.0)
     {
-        made.notes.push(format!("`{name}`: the file says {theirs}, the mapping {ours}, which is taken"));
+        made.notes.push(format!(
+            "`{name}`: the unit is {theirs} in the file and {ours} in the mapping; the mapping is \
+                                 used"
+        ));
     }
     let role = role_of(&axes_names[0], said.role, vector.at("role"), columns);
     let parts: Option<[Numbers; 3]> = parts.into_iter().collect::<Option<Vec<_>>>().and_then(|p| p.try_into().ok());
@@ -208,7 +221,11 @@ pub(super) fn one_vector(name: &str, vector: &Placed<VectorOf>, columns: &mut Co
     };
     let mounting = Mounting::new(axes, rotation);
     if mounting.is_mirror() {
-        made.notes.push(format!("`{name}`: its axes `{}` are a mirror image: one sign may be wrong", said.axes));
+        made.notes.push(format!(
+            "`{name}`: its axes `{}` form a left-handed frame; a sign is probably \
+                                 wrong",
+            said.axes
+        ));
     }
     for axis in &axes_names {
         let description = said.description.as_deref().unwrap_or(flight::describe(axis).description);
@@ -220,7 +237,7 @@ pub(super) fn one_vector(name: &str, vector: &Placed<VectorOf>, columns: &mut Co
 fn three(list: &[f64], key: &str, vector: &Placed<VectorOf>, columns: &mut Columns) -> Option<[f64; 3]> {
     let found = <[f64; 3]>::try_from(list).ok();
     if found.is_none() {
-        let what = format!("`{key}` needs three entries, not {}", list.len());
+        let what = format!("`{key}` requires three entries, not {}", list.len());
         columns.push(Fault::new(what).at(vector.at(key)));
     }
     found
@@ -232,7 +249,7 @@ pub(super) fn one_quaternion(quaternion: &Placed<QuaternionOf>, columns: &mut Co
     let at: Option<Vec<usize>> = at.into_iter().collect();
     let (Some(at), [_, _, _]) = (at, to.as_slice()) else {
         if to.len() != 3 {
-            let what = "`to` needs the names of three columns: roll, pitch and yaw";
+            let what = "`to` requires the names of three columns: roll, pitch and yaw";
             columns.push(Fault::new(what).at(quaternion.at("to")));
         }
         return;
@@ -274,7 +291,7 @@ pub(super) fn others(decl: &TableDecl, columns: &mut Columns, made: &mut Made) {
         let of_file = columns.said(at).map(str::to_owned);
         let here = (decl.head.at("others"), decl.head.at("others"));
         if !flight::describe(&name).unit.is_empty() && is_text(columns.source, at) {
-            let what = format!("the column `{name}` of {} holds text, not numbers", columns.place);
+            let what = format!("the column `{name}` of {} contains text, not numbers", columns.place);
             columns.push(Fault::new(what).at(here.0));
             continue;
         }

@@ -107,8 +107,7 @@ impl Mapping {
         let table = match (name, tables.as_slice()) {
             (None, [_]) => 0,
             (None, _) => {
-                let what =
-                    format!("the mapping {} has {} tables, and `table` does not say which", self.label, tables.len());
+                let what = format!("the mapping {} has {} tables; select one with `table`", self.label, tables.len());
                 return Err(Fault::new(what).help(format!("its tables: {}", tables.join(", "))));
             }
             (Some(name), _) => tables.iter().position(|t| *t == name).ok_or_else(|| {
@@ -223,10 +222,8 @@ impl Mapped {
             let repeated = *count.lock().unwrap_or_else(PoisonError::into_inner);
             if repeated > 0 {
                 let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-                log.notes.push(format!(
-                    "{name}: `{}` leaves out {repeated} rows that repeat the time of the row before",
-                    decl.name
-                ));
+                log.notes
+                    .push(format!("{name}: `{}` drops {repeated} rows with the time of the previous row", decl.name));
             }
         }
         Ok(log)

@@ -156,7 +156,7 @@ fn law_the_epoch_is_the_median_over_new_fixes() {
     let mut later = open(&text.replace("boot_unit", "boot_offset_s = -7.75\nboot_unit")).unwrap();
     assert_eq!(numbers(&later.next_part().unwrap().unwrap().batch, "tt"), [86_390.75, 86_391.75]);
     let none = open(&text.replace("fix >= 3", "fix >= 4")).err().unwrap().to_string();
-    assert!(none.contains("no row of gps.csv says when the log began") && none.contains("m.toml:3:2"), "{none}");
+    assert!(none.contains("no row of gps.csv gives the start time of the log") && none.contains("m.toml:3:2"), "{none}");
     let gone = open(&text.replace("gps.csv", "gsp.csv")).err().unwrap().to_string();
     assert!(gone.contains("gsp.csv") && gone.contains("the epoch of `t` is read from it"), "{gone}");
 }
@@ -171,7 +171,7 @@ fn gold_what_does_not_fit_is_shown_at_its_place_in_the_mapping() {
     );
     says(
         of("columns = { mag_1_uc = { from = 'MagX' } }"),
-        &["says the unit of `mag_1_uc`, which is in nT", "m.toml:6:13"],
+        &["the unit of `mag_1_uc` is in neither the file nor the mapping", "m.toml:6:13"],
     );
     says(
         of("columns = { mag_1_uc = { from = 'MagX', unit = 'deg' } }"),
@@ -179,7 +179,7 @@ fn gold_what_does_not_fit_is_shown_at_its_place_in_the_mapping() {
     );
     says(
         of("columns = { lat = { from = 'mode', unit = 'deg' } }"),
-        &["the column `mode` of log.csv holds Utf8, not numbers"],
+        &["the column `mode` of log.csv contains Utf8, not numbers"],
     );
     says(
         of("columns = { lat = { sql = 'magx', unit = 'deg' } }"),
@@ -189,12 +189,12 @@ fn gold_what_does_not_fit_is_shown_at_its_place_in_the_mapping() {
         of("columns = { lat = { sql = 'random()', unit = 'deg' } }"),
         &["gives another answer each time", "m.toml:6:"],
     );
-    says(of("columns = { tt = { from = 'ms' } }"), &["`tt` is no column to map"]);
+    says(of("columns = { tt = { from = 'ms' } }"), &["`tt` cannot be mapped as a column"]);
     says(
         of("columns = { lat = { from = 'MagX', unit = 'deg', role = 'sensor' } }"),
-        &["is of the role truth, not sensor"],
+        &["has the role truth, not sensor"],
     );
-    says(of("columns = { x = { from = 'ms', value = 3 } }"), &["needs one of `from`, `sql` and `value`"]);
+    says(of("columns = { x = { from = 'ms', value = 3 } }"), &["requires exactly one of `from`, `sql` and `value`"]);
     says(of("vectors = { flux_a = { from = ['MagX'], unit = 'nT' } }"), &["with three entries"]);
     says(
         of("vectors = { flux_a = { sql = ['1', '2', '3'], unit = 'nT', axes = '+x +x +y' } }"),
@@ -203,25 +203,25 @@ fn gold_what_does_not_fit_is_shown_at_its_place_in_the_mapping() {
     says(of("rows = 'MagX'\ncolumns = { x = { from = 'ms' } }"), &["there is no column `magx`"]);
     says(of("rows = 'ms + 1'\ncolumns = { x = { from = 'ms' } }"), &["`rows` must be true or false"]);
     says(of("rows = 'ms > 0"), &["m.toml:6:"]);
-    says(of(""), &["the table `t` has no columns beside its time"]);
+    says(of(""), &["the table `t` has no columns except its time"]);
     says(of("columns = { x = { sql = 'cast(mode as double)' } }"), &["cannot be evaluated", "m.toml:6:25", "log.csv"]);
     for (time, words) in [
         ("{ from = 'MS', unit = 'ms', clock = 'boot' }", "there is no column `MS`"),
         ("{ from = 'ms', clock = 'boot' }", "the unit of the time `ms`"),
         ("{ from = 'ms', unit = 'nT', clock = 'boot' }", "cannot be in `nT`"),
-        ("{ from = 'ms', unit = 'ms' }", "`clock` must be given"),
-        ("{ from = 'ms', unit = 'ms', clock = 'gps' }", "`week` must be given"),
-        ("{ from = 'mode', clock = 'text' }", "`a` is not a time of the form of the mapping"),
-        ("{ from = 'ms', clock = 'text' }", "`clock = \"text\"` reads text"),
-        ("{ from = 'ms', unit = 'ms', clock = 'unix', week = 3 }", "`week` says nothing of the clock `unix`"),
+        ("{ from = 'ms', unit = 'ms' }", "`clock`, the zero of the time, is required"),
+        ("{ from = 'ms', unit = 'ms', clock = 'gps' }", "requires `week`"),
+        ("{ from = 'mode', clock = 'text' }", "`a` is not a time in the format of the mapping"),
+        ("{ from = 'ms', clock = 'text' }", "`clock = \"text\"` requires text"),
+        ("{ from = 'ms', unit = 'ms', clock = 'unix', week = 3 }", "`week` does not apply to the clock `unix`"),
         ("{ from = 'ms', unit = 'ms', clock = 'day', zone = '10' }", "`zone` cannot be `10`"),
     ] {
         says(rows(csv, &table(time, "columns = { x = { from = 'ms' } }")), &[words]);
     }
     let no_epoch = "flight = 'f'\nline = '1'\n[tables.t]\ntime = { from = 'ms', unit = 'ms', clock = 'boot' }\n";
-    says(rows(csv, no_epoch), &["nothing says when that was", "unknown = true"]);
+    says(rows(csv, no_epoch), &["the start time is unknown", "unknown = true"]);
     let no_flight = "line = '1'\n[tables.t]\ntime = { from = 'ms', unit = 'ms', clock = 'day' }\ncolumns = { x = { from = 'ms' } }\n";
-    says(rows(csv, no_flight), &["does not say the flight"]);
+    says(rows(csv, no_flight), &["has no flight for the table"]);
     let given = FlightOptions { flight: Some("7".into()), ..FlightOptions::default() };
     assert!(opened(csv, no_flight, &given).is_ok());
 }
@@ -236,7 +236,7 @@ fn unit_rows_are_left_out_where_the_condition_does_not_hold_and_repeats_are_coun
     let text = table(time, &format!("rows = 'ok = 1'\ndrop_repeated = true\n{columns}"));
     assert_eq!(numbers(&rows(csv, &text).unwrap(), "x"), [10.0, 11.0, 15.0]);
     let (reader, _folder) = opened(csv, &text, &FlightOptions::default()).unwrap();
-    assert!(reader.notes.iter().any(|n| n.contains("leaves out 1 rows that repeat")), "{:?}", reader.notes);
+    assert!(reader.notes.iter().any(|n| n.contains("drops 1 rows with the time of the previous row")), "{:?}", reader.notes);
     // What nobody names comes along when it is asked for.
     let out = rows(csv, &table(time, &format!("others = true\n{columns}"))).unwrap();
     assert_eq!(numbers(&out, "ok").len(), 6);

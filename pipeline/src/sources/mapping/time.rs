@@ -91,12 +91,12 @@ impl TimeOf {
     pub fn new(stamp: &Placed<Stamp>, columns: &mut Columns, epoch: Option<Instant>) -> Option<TimeOf> {
         let said = &stamp.value;
         let Some(clock) = said.clock else {
-            let fault = Fault::new("`clock` must be given: what the time counts from");
-            columns.push(fault.help("`boot`, `day`, `unix`, `gps` or `text`").at(stamp.at.clone()));
+            let fault = Fault::new("`clock`, the zero of the time, is required");
+            columns.push(fault.help("use `boot`, `day`, `unix`, `gps` or `text`").at(stamp.at.clone()));
             return None;
         };
         if said.from.is_empty() {
-            columns.push(Fault::new("`from` must be given: the column of the time").at(stamp.at.clone()));
+            columns.push(Fault::new("`from`, the column of the time, is required").at(stamp.at.clone()));
             return None;
         }
         foreign_keys(stamp, clock, columns);
@@ -260,12 +260,12 @@ fn foreign_keys(stamp: &Placed<Stamp>, clock: Clock, columns: &mut Columns) {
     for (key, clocks) in owners {
         if let Some(given) = stamp.args.get(key).filter(|_| !clocks.contains(&clock)) {
             let of: Vec<String> = clocks.iter().map(|c| format!("`{}`", c.word())).collect();
-            let what = format!("`{key}` says nothing of the clock `{}`: it belongs to {}", clock.word(), of.join(", "));
+            let what = format!("`{key}` does not apply to the clock `{}`, only to {}", clock.word(), of.join(", "));
             columns.push(Fault::new(what).at(given.key_at.clone()));
         }
     }
     if clock != Clock::Text && stamp.value.from.len() > 1 {
-        let what = format!("the clock `{}` is in one column, not {}", clock.word(), stamp.value.from.len());
+        let what = format!("the clock `{}` requires one column, not {}", clock.word(), stamp.value.from.len());
         columns.push(Fault::new(what).at(stamp.at("from")));
     }
 }
@@ -336,8 +336,8 @@ fn of_column(
     };
     let of_file = field.metadata().get("unit").map(String::as_str).filter(|u| !u.is_empty());
     let Some(unit) = said.or(unit).or(of_file) else {
-        let fault = Fault::new(format!("neither the file nor the mapping says the unit of the time `{name}`"));
-        columns.push(fault.help("say `unit`: `s`, `ms`, `us`, `ns`").at(from_at));
+        let fault = Fault::new(format!("the unit of the time `{name}` is in neither the file nor the mapping"));
+        columns.push(fault.help("set `unit`: `s`, `ms`, `us`, `ns`").at(from_at));
         return None;
     };
     let Some(factor) = convert(unit, "s") else {
@@ -347,7 +347,7 @@ fn of_column(
     };
     let kind = field.data_type();
     if !(kind.is_numeric() || said.is_some()) {
-        let fault = Fault::new(format!("the time `{name}` holds {kind}, and only `clock = \"text\"` reads text"));
+        let fault = Fault::new(format!("the time `{name}` contains {kind}; only `clock = \"text\"` reads text"));
         columns.push(fault.at(from_at));
         return None;
     }
@@ -407,13 +407,19 @@ fn gps(stamp: &Placed<Stamp>, columns: &mut Columns) -> Option<Source> {
     let said = &stamp.value;
     let week = match &said.week {
         None => {
-            let fault = Fault::new("`week` must be given with `clock = \"gps\"`: a column or a number");
+            let fault = Fault::new("`clock = \"gps\"` requires `week`, a column or a number");
             columns.push(fault.at(stamp.at.clone()));
             return None;
         }
         Some(Constant::Number(x)) if x.fract() == 0.0 && (0.0..1e5).contains(x) => Week::Number(*x as i64),
         Some(Constant::Number(x)) => {
-            columns.push(Fault::new(format!("a GPS week is a whole number from 0, not {x}")).at(stamp.at("week")));
+            columns.push(
+                Fault::new(format!(
+                    "a GPS week must be a whole number, 0 or above, not \
+                                             {x}"
+                ))
+                .at(stamp.at("week")),
+            );
             return None;
         }
         Some(Constant::Text(name)) => Week::Column(columns.number(name, stamp.at("week"))?),
@@ -438,7 +444,7 @@ fn text(stamp: &Placed<Stamp>, columns: &mut Columns) -> Option<Source> {
         let part = parts.get(i).filter(|_| parts.len() == names.len());
         let digits = part.and_then(|part| digits_of(part)).filter(|digits| *digits > 0 && kind.is_numeric());
         if digits.is_none() {
-            let what = format!("`{name}` holds {kind}, and `clock = \"text\"` reads text, or numbers in digits");
+            let what = format!("`{name}` contains {kind}, but `clock = \"text\"` requires text or numbers in digits");
             let help = "numbers need a `format` of digits alone, with a blank between columns: `%H%M%S%.f` for hhmmss.s, \
                         `%Y%m%d %H%M` for a date and hhmm";
             columns.push(Fault::new(what).help(help).at(stamp.at("from")));
@@ -449,12 +455,12 @@ fn text(stamp: &Placed<Stamp>, columns: &mut Columns) -> Option<Source> {
     let Some(form) = Form::new(format) else {
         let text = stamp.value.format.clone().unwrap_or_default();
         let fault = Fault::new(format!("`format` cannot be `{text}`"));
-        let help = "it needs at least the hour, in the letters of `strftime`: `%d/%m/%Y %H:%M:%S%.f`";
+        let help = "it requires at least the hour, in the letters of `strftime`: `%d/%m/%Y %H:%M:%S%.f`";
         columns.push(fault.help(help).at(stamp.at("format")));
         return None;
     };
     if form.is_dated() && stamp.value.date.is_some() {
-        columns.push(Fault::new("the text holds the date already").at(stamp.at("date")));
+        columns.push(Fault::new("the text already contains the date").at(stamp.at("date")));
     }
     Some(Source::Text { columns: found, form })
 }

@@ -110,7 +110,7 @@ impl Remote {
         self.bucket.put(&probe, b"\n".to_vec())?;
         let about = self.bucket.about(&probe);
         self.bucket.remove(&probe)?;
-        about?.map(|o| o.modified).ok_or_else(|| Fault::machine("an object that was just written is not there"))
+        about?.map(|o| o.modified).ok_or_else(|| Fault::machine("an object that was just written does not exist"))
     }
 
     /// The number of the last lease of `pipeline`, 0 before the first; `None` while it is held.

@@ -155,7 +155,7 @@ impl Remote {
         };
         let damaged = || {
             Fault::machine(format!("{} is damaged", path.display()))
-                .help(format!("remove the folder {}: it is a copy", root.display()))
+                .help(format!("remove the folder {}; it is only a copy", root.display()))
         };
         let mark: Mark = serde_json::from_slice(&bytes).map_err(|_| damaged())?;
         let Place::Object(address) = place(&mark.address)? else { return Err(damaged()) };
@@ -197,8 +197,8 @@ impl Remote {
         match self.bucket.list("")?.iter().find(|o| !ours(&o.key)) {
             None => Ok(()),
             Some(other) => {
-                let what = format!("{} is not a magline store: it holds {}", self.bucket.address(), other.key);
-                Err(Fault::new(what).help("name a new or empty prefix as `store`"))
+                let what = format!("{} is not a magline store: it contains {}", self.bucket.address(), other.key);
+                Err(Fault::new(what).help("use a new or empty prefix as `store`"))
             }
         }
     }
@@ -212,7 +212,7 @@ impl Remote {
         if let Some(bytes) = mark.as_ref().filter(|bytes| is_other_layout(bytes)) {
             let said = String::from_utf8_lossy(bytes).trim().chars().take(40).collect::<String>();
             let what = format!("{} is a store of another version of magline ({said})", self.bucket.address());
-            return Err(Fault::new(what).help("name another prefix as `store`"));
+            return Err(Fault::new(what).help("use another prefix as `store`"));
         }
         let local = self.root.join("STORE");
         if mark.is_some() && fs::read(&local).ok().as_deref() != Some(LAYOUT.as_bytes()) {
@@ -284,7 +284,7 @@ impl Remote {
     fn path(&self, key: &str) -> Result<PathBuf, Fault> {
         let relative = Path::new(key);
         if key.is_empty() || !relative.components().all(|c| matches!(c, Component::Normal(_))) {
-            return Err(Fault::machine(format!("{} has an object of a strange name: {key}", self.bucket.address())));
+            return Err(Fault::machine(format!("{} has an object with an invalid name: {key}", self.bucket.address())));
         }
         Ok(self.root.join(relative))
     }
@@ -377,7 +377,7 @@ impl Remote {
                     return Ok(Pack { id, size, modified_ns: 0, kind, units });
                 }
                 Ok(Err(more)) if more <= size && more > want => want = more,
-                Ok(Err(_)) => return Err(Trouble::Damaged("it is cut short".to_owned())),
+                Ok(Err(_)) => return Err(Trouble::Damaged("it is truncated".to_owned())),
                 Err(wrong) => why = wrong,
             }
         }

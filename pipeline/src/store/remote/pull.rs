@@ -121,7 +121,7 @@ impl Remote {
         let name = format!("tables/{pipeline}");
         let damaged = |what: &str| {
             Fault::machine(format!("{}/{what} is damaged", self.bucket.address())).help(format!(
-                "remove the object tables/{pipeline}, and run the spec again: its tables are published again"
+                "remove the object tables/{pipeline}, and run the spec again to publish its tables again"
             ))
         };
         let Some(mut text) = self.bucket.get(&name)? else { return Ok(()) };
@@ -206,12 +206,12 @@ impl Remote {
         }
         let wrong = |what: &str| {
             Fault::machine(format!("{}/{key} {what}", self.bucket.address()))
-                .help("run the spec again: damaged results are computed and published again")
+                .help("run the spec again to recompute and publish damaged results")
         };
         if let Some(id) = file.pack.as_deref().and_then(Key::parse) {
             self.bring(id, Some(file.size)).map_err(|e| {
                 let what = format!("cannot read {}/{}: {e}", self.bucket.address(), Remote::pack_key(id));
-                Fault::machine(what).help("run the spec again: damaged results are computed and published again")
+                Fault::machine(what).help("run the spec again to recompute and publish damaged results")
             })?;
             remove(&path)?;
             return match link(&super::catalogue::path(&self.root, id), &path) {
@@ -221,7 +221,7 @@ impl Remote {
         }
         let bytes = self.bucket.get(&key)?.ok_or_else(|| wrong("is missing"))?;
         if Some(Key::of([&bytes]).to_string()) != file.hash {
-            return Err(wrong("is not as it was written"));
+            return Err(wrong("has changed since it was written"));
         }
         self.keep(&path, &bytes)
     }
@@ -256,8 +256,11 @@ impl Remote {
             self.bucket.put_file(&format!("{}/{}", folder_of(pipeline, number), file.name), &folder.join(&file.name))
         })?;
         if !self.bucket.replace(&name, pointer(pipeline, number, manifest.sum()).as_bytes(), before)? {
-            let what = format!("another run has published `{pipeline}` in {} meanwhile", self.bucket.address());
-            return Err(Fault::machine(what).help("nothing is published; what was computed is kept, so run it again"));
+            let what = format!("another run published `{pipeline}` in {} during this run", self.bucket.address());
+            return Err(Fault::machine(what).help(
+                "nothing was published; finished results are stored, run the spec \
+                                                  again",
+            ));
         }
         self.place(pipeline, number, folder)
     }

@@ -153,7 +153,7 @@ impl Remote {
             tick(i, all);
             let tmp = self.temporary()?;
             if !self.bucket.fetch(&key, &tmp, None)? {
-                found.damaged.insert(named(&key).into(), "it is gone".to_owned());
+                found.damaged.insert(named(&key).into(), "it does not exist".to_owned());
                 if let Some(id) = pack {
                     store.catalogue_mut().remove(id);
                 }
@@ -179,13 +179,13 @@ impl Remote {
         for (i, (key, hash, published)) in own.into_iter().enumerate() {
             tick(before + i, all);
             let wrong = match self.bucket.get(&key)? {
-                None if published => Some("it is gone"),
+                None if published => Some("it does not exist"),
                 // A run that was killed before it published leaves a list whose files were not all written.
                 None => None,
                 Some(bytes) => {
                     found.files += 1;
                     found.bytes += bytes.len() as u64;
-                    (Some(Key::of([&bytes]).to_string()) != hash).then_some("it is not as it was written")
+                    (Some(Key::of([&bytes]).to_string()) != hash).then_some("its content has changed")
                 }
             };
             if let Some(why) = wrong {

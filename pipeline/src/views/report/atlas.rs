@@ -131,18 +131,18 @@ impl Atlas {
         let over = html! { @if let Some(zoom) = zoom { (frame_of(&canvas, zoom)) } };
         let what = match &self.picture {
             Some(_) => {
-                "Anomaly map in relief, lit from the north-west, with the tracks; each colour covers the same area."
+                "Tracks on the anomaly map, with hill shading from the north-west. Each colour covers the same area."
             }
-            None => "The tracks; there is no map under them.",
+            None => "Tracks without a map.",
         };
         let every = flown.tt.last().zip(flown.tt.first()).map(|(b, a)| (b - a) / 60.0 / (ELLIPSES - 1) as f64);
         let sizes = || rings.iter().map(|(_, e)| e.major_m);
         let about = match rings.len() {
             0 => String::new(),
             _ => format!(
-                " The ellipses are the 3σ region of the estimate every {} min{}; their longer semi-axis is {} to {} m.",
+                " The ellipses are the 3σ region of the estimate every {} min{}. Their longer semi-axis is {} to {} m.",
                 number(every),
-                if times > 1.0 { format!(", {times} times as large as they are") } else { String::new() },
+                if times > 1.0 { format!(", enlarged {times} times") } else { String::new() },
                 number(sizes().reduce(f64::min)),
                 number(sizes().reduce(f64::max)),
             ),
@@ -153,7 +153,8 @@ impl Atlas {
                 (legend(flown, (!rings.is_empty()).then_some(times)))
                 (self.drawn(&canvas, flown, "Tracks on the map", under, over))
                 @if let Some(picture) = &self.picture { (colour_bar(&picture.raster)) }
-                figcaption { (what) (about) " The dot is the start, the square the end, the frame the part shown beside it." }
+                figcaption { (what) (about) " The dot is the start, the square is the end, and the frame is the \
+                                             enlarged part." }
             }
         }
     }
@@ -164,13 +165,14 @@ impl Atlas {
         let of = if flown.truth.is_some() { "from the truth" } else { "from the estimate" };
         let minute = (flown.tt.get(k).copied().unwrap_or(0.0) - flown.tt.first().copied().unwrap_or(0.0)) / 60.0;
         let mut caption =
-            format!("Where the INS is farthest {of}, {} m, at {minute:.1} min.", number(separation(flown, k)));
+            format!("The largest distance of the INS {of}: {} m at {minute:.1} min.", number(separation(flown, k)));
         if let (Some(error), true) = (own_error(flown, k), flown.ins.is_some()) {
-            caption.push_str(&format!(" The estimate is {} m off there.", number(Some(error))));
+            caption.push_str(&format!(" The error of the estimate there is {} m.", number(Some(error))));
         }
         if let Some((_, e)) = rings.iter().find(|(i, _)| *i == k) {
             caption.push_str(&format!(
-                " The ellipses are the 3σ region of the filter; at that moment {} m by {} m, the longer axis at {:.0}° from north.",
+                " The ellipses are the 3σ region of the filter: {} m by {} m at that time, the longer axis at an \
+                 azimuth of {:.0}°.",
                 number(Some(e.major_m)),
                 number(Some(e.minor_m)),
                 e.azimuth_deg,
@@ -178,9 +180,10 @@ impl Atlas {
         }
         html! {
             figure {
-                h4 { "A close look" }
+                h4 { "Enlarged: largest error of the INS" }
                 (legend(flown, (!rings.is_empty()).then_some(1.0)))
-                (self.drawn(&canvas, flown, "Tracks, a close look", html! {}, outlines(&canvas, flown, &rings, 1.0)))
+                (self.drawn(&canvas, flown, "Tracks near the largest error of the \
+                                             INS", html! {}, outlines(&canvas, flown, &rings, 1.0)))
                 figcaption { (caption) }
             }
         }
@@ -191,15 +194,17 @@ impl Atlas {
         let canvas = Canvas::new(square(flown.estimate.at(k).unwrap_or_default(), (4.0 * widest.major_m).max(50.0)));
         let rings = ellipses(flown, &in_sight(&canvas, flown, k));
         let minute = (flown.tt.get(k).copied().unwrap_or(0.0) - flown.tt.first().copied().unwrap_or(0.0)) / 60.0;
-        let error = own_error(flown, k).map(|e| format!(" The estimate is {} m off the truth there.", number(Some(e))));
+        let error = own_error(flown, k).map(|e| format!(" The error of the estimate there is {} m.", number(Some(e))));
         html! {
             figure {
-                h4 { "Where the filter is least sure" }
+                h4 { "Enlarged: largest error ellipse" }
                 (legend(flown, Some(1.0)))
-                (self.drawn(&canvas, flown, "Tracks and error ellipses from near", html! {}, outlines(&canvas, flown, &rings, 1.0)))
+                (self.drawn(&canvas, flown, "Tracks near the largest error \
+                                             ellipse", html! {}, outlines(&canvas, flown, &rings, 1.0)))
                 figcaption {
                     "The largest 3σ ellipse of the line, " (number(Some(widest.major_m))) " m by " (number(Some(widest.minor_m)))
-                    " m, at " (format!("{minute:.1}")) " min, and those of its neighbourhood, at their own scale." (error.unwrap_or_default())
+                    " m, at " (format!("{minute:.1}")) " min, with the neighbouring ellipses, not \
+                                                        enlarged." (error.unwrap_or_default())
                 }
             }
         }

@@ -61,11 +61,12 @@ impl Swarm {
         let bottom = ROW * groups.len() as f64;
         let height = bottom + AXIS;
         let axis = ticks::linear(low, high, 6);
-        let label = format!("part of the prediction, {unit}");
-        let words = format!("{title}: a dot for each sample, by its part of the prediction and the value of the input");
+        let label = format!("contribution to the prediction, {unit}");
+        let words =
+            format!("{title}: one dot per sample, by its contribution to the prediction and the value of the input");
         Some(html! {
             figure {
-                figcaption { strong { (title) } " (one dot a sample)" }
+                figcaption { strong { (title) } " (one dot per sample)" }
                 svg.intervals viewBox=(format!("0 0 {WIDTH} {}", px(height))) role="img" aria-label=(words) style="max-width: 720px" {
                     line x1=(px(at(0.0))) x2=(px(at(0.0))) y1="0" y2=(px(bottom)) stroke="var(--ink)" stroke-opacity="0.4" {}
                     @for (row, (name, samples)) in groups.iter().enumerate() {
@@ -82,7 +83,7 @@ impl Swarm {
                     text.value x=(px(0.5 * (LABEL + WIDTH - BAR))) y=(px(bottom + 31.0)) text-anchor="middle" font-size="12" { (label) }
                     (colour_bar(bottom))
                 }
-                @if more > 0 { p.note { (more) " more groups matter less." } }
+                @if more > 0 { p.note { (more) " less important groups are not shown." } }
             }
         })
     }
@@ -199,7 +200,7 @@ mod tests {
         let places: Vec<usize> = [">large<", ">small<"].iter().filter_map(|name| drawn.find(name)).collect();
         assert!(places.len() == 2 && places.is_sorted() && !drawn.contains(">none<"), "{drawn}");
         assert_eq!(drawn.matches("<circle").count(), 4);
-        assert!(drawn.contains("part of the prediction, nT"));
+        assert!(drawn.contains("contribution to the prediction, nT"));
         assert!(Swarm::default().drawn("importance", "nT").is_none());
     }
 }

@@ -149,7 +149,7 @@ pub mod tests {
         // By another metric the same row is out of sample.
         assert_eq!(board.scores.best(2), Some(1));
         assert!(board.scores.is_all_in_sample(0) && !board.scores.is_all_in_sample(1));
-        assert_eq!(board.scores.over(), "pooled over 0 to 1 held-out lines, apart from 1 in sample");
+        assert_eq!(board.scores.over(), "pooled over 0 to 1 held-out lines; 1 in sample are separate");
         board.scores.in_sample = vec![of([true; 3]); 4];
         assert_eq!((board.scores.best(0), board.headline()), (None, Some(1)));
         assert_eq!(board.scores.over(), "pooled over 6 lines");

@@ -222,7 +222,7 @@ impl Table {
         let best = best.map(|b| b.0).filter(|_| cells.len() > 1);
         html! { @for (i, cell) in cells.iter().enumerate() {
             @let marked = cell.marked && cell.value.is_some();
-            td.n.best[best == Some(i)].bad[marked] data-v=[cell.value.map(|v| v.to_string())] title=[marked.then_some("not to be trusted")] {
+            td.n.best[best == Some(i)].bad[marked] data-v=[cell.value.map(|v| v.to_string())] title=[marked.then_some("flagged")] {
                 @if marked { "! " } (number(cell.value)) @if cell.in_sample && cell.value.is_some() { " ~" }
             }
         } }
@@ -238,27 +238,28 @@ impl Table {
         }
         if self.columns.iter().any(|c| c.marks > 0) {
             words.push(
-                "Values with a ! are not to be trusted: the filter is worse than the INS alone, or its NEES or NIS is far \
-                 from its law; a pooled value has one if any of its lines has."
+                "Values with a ! are flagged: the filter is worse than the INS alone, its NEES or NIS is far from the \
+                 expected value, or its whiteness is below 0.8. A pooled value is flagged if any of its lines is \
+                 flagged."
                     .to_owned(),
             );
         }
         let seen = |column: &Column| column.cells.iter().any(|c| c.in_sample);
         if self.columns.iter().any(seen) {
-            let what =
-                "Values with a ~ are in sample: a model, noise or map was made from the line, or a search chose by it.";
+            let what = "Values with a ~ are in sample: a model, noise or map was made from the line, or it was used to \
+                        choose a parameter.";
             words.push(what.to_owned());
         }
         if self.columns.iter().any(|c| seen(c) && !c.in_sample) {
-            words.push("Where there are other lines, those in sample are not pooled.".to_owned());
+            words.push("Lines in sample are pooled only if there are no other lines.".to_owned());
         }
         if self.columns.iter().flat_map(|c| &c.cells).any(|c| c.value.is_none()) {
-            words.push("Lines without a value are left out of what is pooled.".to_owned());
+            words.push("Lines without a value are not pooled.".to_owned());
         }
         let (lines, columns) = self.all;
         if lines > self.lines.len() || columns > self.columns.len() {
             words.push(format!(
-                "Shown are {} of {lines} lines and {} of {columns} columns; `magline sql` shows all.",
+                "The table shows {} of {lines} lines and {} of {columns} columns; `magline sql` shows all.",
                 self.lines.len(),
                 self.columns.len()
             ));
@@ -315,8 +316,8 @@ mod tests {
     fn r10_a_marked_line_is_shown_and_never_the_best() {
         let text = example().drawn().into_string();
         // 12 m is the least of its row, and 29.5 m of a pooled column with a marked line is not trusted either.
-        assert!(text.contains("<td class=\"n bad\" data-v=\"12\" title=\"not to be trusted\">! 12.00</td>"), "{text}");
-        assert!(text.contains("data-v=\"29.5\" title=\"not to be trusted\">! 29.50</td>"), "{text}");
+        assert!(text.contains("<td class=\"n bad\" data-v=\"12\" title=\"flagged\">! 12.00</td>"), "{text}");
+        assert!(text.contains("data-v=\"29.5\" title=\"flagged\">! 29.50</td>"), "{text}");
         assert!(text.contains("<td class=\"n best\" data-v=\"30\">30.00</td>"), "{text}");
         assert_eq!(text.matches("n best").count(), 3, "one a row: {text}");
         assert!(text.contains("<td class=\"n\">-</td>") && text.contains("Lines without a value"), "{text}");

@@ -69,8 +69,8 @@ pub fn kml(graph: &Graph, store: &Store, choice: &Choice, stem: &str) -> Result<
         }
     }
     if points.is_empty() {
-        let fault = Fault::new(format!("{} has no track to write", graph.plan.spec.file));
-        return Err(fault.help("a table of `navigate` makes tracks"));
+        let fault = Fault::new(format!("{} has no track", graph.plan.spec.file));
+        return Err(fault.help("add a stage `navigate`, which makes tracks, and run the spec"));
     }
     let maps = maps(&source, &groups)?;
     let pictures: Vec<MapPicture> = maps.iter().map(Map::picture).collect();
@@ -108,7 +108,7 @@ fn chosen(source: &Source, choice: &Choice) -> Result<Vec<Group>, Fault> {
         group.lines = of_choice.map(|line| Shown { line: *line, why: "" }).collect();
     }
     match choice.lines.iter().find(|l| !known.contains(&l.as_str())) {
-        Some(line) => Err(Fault::new(format!("no navigation has a line `{line}`")).nearest(line, &known)),
+        Some(line) => Err(Fault::new(format!("no table of `navigate` has a line `{line}`")).nearest(line, &known)),
         None => Ok(found),
     }
 }
@@ -183,13 +183,13 @@ impl Leg {
         let (centre, ellipse) = (estimate.at(k)?, self.flown.ellipse(k, SIGMAS)?);
         let [_, _, alt] = &self.alt;
         let mut about = format!(
-            "{SIGMAS}σ region of the estimate: {} m by {} m, the longer axis at {:.0}° from north.",
+            "{SIGMAS}σ region of the estimate: {} m by {} m, the longer axis at an azimuth of {:.0}°.",
             number(Some(ellipse.major_m)),
             number(Some(ellipse.minor_m)),
             ellipse.azimuth_deg
         );
         if let Some(error) = truth.as_ref().and_then(|t| atlas::apart(estimate, t, k)) {
-            about.push_str(&format!(" The estimate is {} m off the truth.", number(Some(error))));
+            about.push_str(&format!(" The error of the estimate is {} m.", number(Some(error))));
         }
         let (lat_deg, lon_deg) = outline(centre, ellipse);
         Some(EarthArea {
@@ -314,8 +314,16 @@ mod tests {
         let areas = &folder.folders[0].areas;
         assert_eq!((areas.len(), areas[0].name.as_str(), areas[59].name.as_str()), (60, "0.0 min", "19.9 min"));
         // 199 steps of 2e-6 degrees at 21.8 degrees south are 41 m.
-        assert!(areas[59].about.contains("60.00 m by 30.00 m, the longer axis at 90°"), "{}", areas[59].about);
-        assert!(areas[59].about.contains("41.1") && areas[59].about.contains("m off the truth"), "{}", areas[59].about);
+        assert!(
+            areas[59].about.contains("60.00 m by 30.00 m, the longer axis at an azimuth of 90°"),
+            "{}",
+            areas[59].about
+        );
+        assert!(
+            areas[59].about.contains("41.1") && areas[59].about.contains("The error of the estimate is"),
+            "{}",
+            areas[59].about
+        );
         let made = folders_kml("t", &[], &Look::default(), &[folder], "t").unwrap().document;
         assert_eq!((made.matches("<LineString>").count(), made.matches("<Polygon>").count()), (3, 60));
     }

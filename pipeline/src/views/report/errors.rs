@@ -49,10 +49,10 @@ fn positions(flown: &Flown, place: &str, errors: &Offsets) -> Vec<Chart> {
 fn position(flown: &Flown, way: &str, error: &[f64], ins: Option<&Vec<f64>>, sigma: Option<&Vec<f64>>) -> Chart {
     let time = minutes(&flown.tt);
     let rms = |x: &[f64]| number(Some(statistics::rms(x).value));
-    let mut caption = format!("Truth less estimate: {} m root mean square", rms(error));
+    let mut caption = format!("Truth minus estimate: {} m root mean square", rms(error));
     let mut lines = vec![];
     if let Some(ins) = ins {
-        caption.push_str(&format!("; the INS alone has {} m", rms(ins)));
+        caption.push_str(&format!("; {} m for the INS alone", rms(ins)));
         lines.push(Line { name: "INS alone".into(), class: "ins", points: extremes(&time, ins, MOST) });
     }
     caption.push('.');
@@ -60,7 +60,7 @@ fn position(flown: &Flown, way: &str, error: &[f64], ins: Option<&Vec<f64>>, sig
     let mut bands = vec![];
     if let Some(sigma) = sigma {
         caption.push_str(&format!(
-            " The error is inside of ±3σ for {} of the time; 99.7 % is right.",
+            " The error is within ±3σ for {} of the time (expected value: 99.7 %).",
             share_inside(error, sigma)
         ));
         let ends = |(t, s): (f64, f64)| (t, -SIGMAS * s, SIGMAS * s);
@@ -69,7 +69,7 @@ fn position(flown: &Flown, way: &str, error: &[f64], ins: Option<&Vec<f64>>, sig
     }
     let y = Dim { range: frame(error, ins, sigma), ..Dim::new(format!("error {}, m", way.to_lowercase())) };
     if y.range.is_some() {
-        caption.push_str(" The INS alone soon leaves the plot.");
+        caption.push_str(" The errors of the INS alone exceed the plot.");
     }
     let title = format!("{way} error");
     Chart { title, caption, x: time_axis(), y, bands, lines, height: 250.0, ..Chart::default() }
@@ -107,8 +107,9 @@ fn innovations(flown: &Flown, outcomes: &BTreeMap<String, usize>) -> Option<Char
     let counted: Vec<String> =
         outcomes.iter().map(|(outcome, n)| format!("{n} {}", outcome.replace('_', " "))).collect();
     let caption = format!(
-        "Measurement less prediction. A consistent filter has them about zero, without a trend, inside of the band for 95 % of \
-         the time. Samples: {}.",
+        "Measurement minus prediction. The innovations of a consistent filter have zero mean and no trend, and are \
+         within \
+         the band for 95 % of the time. Samples: {}.",
         if counted.is_empty() { "not counted".to_owned() } else { counted.join(", ") }
     );
     Some(Chart {
@@ -127,9 +128,10 @@ fn nees_chart(tt: &[f64], nees: &[f64]) -> Chart {
     // Chi-square with two degrees of freedom is an exponential distribution.
     let (low, high) = (-2.0 * 0.975f64.ln(), -2.0 * 0.025f64.ln());
     let caption = format!(
-        "Squared horizontal error in units of the filter's covariance. A consistent filter has a mean of 2 and 95 % between \
-         {} and {}; above, it is overconfident. Here the mean is {}. Errors of a position last for minutes, so a single \
-         line may stay outside for a while.",
+        "Squared horizontal error in units of the filter's covariance. A consistent filter has a mean of 2 and 95 % \
+         of the \
+         values between {} and {}. An overconfident filter has larger values. The mean here is {}. Position errors are \
+         correlated over minutes, so a single line may stay outside the band for some time.",
         number(Some(low)),
         number(Some(high)),
         number(Some(statistics::mean(nees).value)),
@@ -205,7 +207,7 @@ mod tests {
         assert!((last("estimate") - 59.0).abs() < 0.01 && (last("INS alone") - 177.0).abs() < 0.03);
         assert!(east.lines[1].points.iter().all(|p| p.1.abs() < 1e-9));
         // |k| <= 30 + 0.3 k up to the 42nd minute: 43 of 60.
-        assert!(north.caption.contains("inside of ±3σ for 71.7 % of the time"), "{}", north.caption);
+        assert!(north.caption.contains("within ±3σ for 71.7 % of the time"), "{}", north.caption);
         // On the picture too: the highest point of the band is at three sigma of the last minute, 47.7 m.
         let drawn = north.draw().unwrap().into_string();
         let spots = |class: &str| -> Vec<(f64, f64)> {

@@ -106,8 +106,9 @@ pub fn section(source: &Source) -> Result<Option<Markup>, Fault> {
     Ok((!drawn.is_empty()).then(|| {
         html! {
             section id="importance" {
-                h2 { "Which inputs matter" }
-                p.lead { "A bar is the mean over the lines, a dot is a line, with each seed where there are several; signs are left out. Inputs that say the same share what they matter." }
+                h2 { "Importance of the inputs" }
+                p.lead { "A bar is the mean of the absolute values over the lines. A dot is one line, or one seed of \
+                          a line. Correlated inputs share or mask importance." }
                 @for picture in drawn { (picture) }
                 @if more > 0 { p.note { (more) " more models are not drawn." } }
             }
@@ -142,7 +143,7 @@ impl Ranking {
                         text.value x=(px(WIDTH - VALUE + 10.0)) y=(px(top + 12.0)) font-size="12" { (number(Some(middle))) }
                     }
                 }
-                @if more > 0 { p.note { (more) " more groups matter less." } }
+                @if more > 0 { p.note { (more) " less important groups are not shown." } }
             }
         }
     }

@@ -81,10 +81,10 @@ impl Along {
         let mut lines = vec![];
         if let Some((name, signal)) = &self.measured {
             let (shifted, constant) = on_the_map(signal, &self.map);
-            lines.push(line(&format!("{name}, less core field and temporal variation"), "before", &shifted));
+            lines.push(line(&format!("{name} minus core field and temporal variation"), "before", &shifted));
             caption.push_str(&format!(
-                " {name} differs from it by {} nT standard deviation about a constant of {} nT, which is subtracted: \
-                 compensation leaves it open.",
+                " The standard deviation of {name} minus the map is {} nT. Its mean of {} nT is subtracted, because \
+                 compensation does not determine the bias.",
                 number(Some(difference(signal, &self.map))),
                 number(Some(constant)),
             ));
@@ -92,7 +92,7 @@ impl Along {
         if let Some(truth) = &self.truth {
             lines.push(line("true anomaly", "reference", truth));
             let off = number(Some(difference(&self.map, truth)));
-            caption.push_str(&format!(" The map differs from the true anomaly by {off} nT standard deviation."));
+            caption.push_str(&format!(" The standard deviation of the map minus the true anomaly is {off} nT."));
         }
         lines.push(line("map", "after", &self.map));
         Chart {
@@ -148,7 +148,7 @@ mod tests {
         let along = Along { tt, measured: Some(("mag_c".into(), signal)), truth: Some(map.clone()), map };
         let chart = along.chart();
         assert_eq!(chart.lines.len(), 3);
-        assert!(chart.caption.contains("about a constant of -350.0 nT"), "{}", chart.caption);
+        assert!(chart.caption.contains("Its mean of -350.0 nT"), "{}", chart.caption);
         for (a, b) in chart.lines[0].points.iter().zip(&chart.lines[2].points) {
             assert!((a.1 - b.1).abs() < 1e-9);
         }

@@ -91,7 +91,8 @@ impl Model {
             div.model {
                 h3 { "The model: table " (name) }
                 @if !self.warning.is_empty() { p.warning role="alert" { strong { "This fit is not reliable: " } (self.warning) "." } }
-                p { (self.rows) " samples were used and " (self.left_out) " left out. The residual of the filtered target has a standard deviation of "
+                p { (self.rows) " samples were used and " (self.left_out) " were excluded. The residual of the \
+                    filtered target has a standard deviation of "
                     (number(Some(self.residual_nt))) " nT. The condition number of the matrix is " strong { (number(Some(self.condition))) } ". " (self.verdict()) (self.form()) }
                 div.scroll { table.sortable {
                     thead { tr {
@@ -109,7 +110,7 @@ impl Model {
                         td { (term.whisker(widest)) }
                     } } }
                 } }
-                p.note { "Terms within two sigma of zero are greyed: they are not significant." }
+                p.note { "Terms within 2σ of zero are grey. They are not significant." }
             }
         }
     }
@@ -119,27 +120,30 @@ impl Model {
         let mut out = String::new();
         if self.trivial_share.is_finite() {
             let share = number(Some(100.0 * self.trivial_share));
-            out.push_str(&format!(" The fit calls {share} % of the total field the aircraft's."));
+            out.push_str(&format!(" The fit attributes {share} % of the total field to the aircraft."));
         }
         if self.approximation_nt.is_finite() {
             let bound = number(Some(self.approximation_nt));
-            out.push_str(&format!(" Its linear form alone misses at most {bound} nT."));
+            out.push_str(&format!(" The error of its linear form is at most {bound} nT."));
         }
         out
     }
 
     fn verdict(&self) -> String {
         if !self.condition.is_finite() {
-            return "It is not finite: some terms depend on others exactly, and their coefficients are meaningless."
+            return "It is not finite: some terms are exact combinations of others, and their coefficients are \
+                    meaningless."
                 .to_owned();
         }
         if self.condition < LARGE_CONDITION {
-            return "That is moderate: the flight separates the terms.".to_owned();
+            return "This value is moderate: the flight separates the terms.".to_owned();
         }
         format!(
-            "That is large: the terms nearly depend on each other, and an error in the data may appear in a single \
-             coefficient up to {} times as large. The sum of the terms may still be accurate. More varied manoeuvres, fewer \
-             terms or a larger lambda help.",
+            "This value is large: the terms are nearly collinear. An error in the data may appear in a single \
+             coefficient \
+             up to {} times as large. The sum of the terms may still be accurate. To reduce the condition number, fly \
+             more \
+             varied manoeuvres, use fewer terms or increase lambda.",
             number(Some(self.condition))
         )
     }
@@ -197,7 +201,7 @@ mod tests {
     #[test]
     fn unit_a_warning_stands_before_the_coefficients() {
         let sound = model(10.0).drawn("coefficients").into_string();
-        assert!(!sound.contains("role=\"alert\"") && sound.contains("misses at most 0.4000 nT"), "{sound}");
+        assert!(!sound.contains("role=\"alert\"") && sound.contains("is at most 0.4000 nT"), "{sound}");
         let warned = Model { warning: "the flight hardly excites `xx`".into(), ..model(10.0) };
         let text = warned.drawn("coefficients").into_string();
         let (at, table) = (text.find("the flight hardly excites `xx`"), text.find("<table"));

@@ -133,7 +133,8 @@ fn troubles(source: &Source, Trouble { failures, warnings, outdated }: &Trouble)
         @if !failures.is_empty() {
             section.trouble id="failures" {
                 h2 { (times) " failed" }
-                p { "The rest was computed without them. The table " code { (plan.spec.name) ".failures" } " lists all of them." }
+                p { "All other results are computed. The table " code { (plan.spec.name) ".failures" } " lists all of \
+                    them." }
                 div.scroll { table {
                     thead { tr { th scope="col" { "table" } th scope="col" { "why" } th scope="col" { "first at" } th.n scope="col" { "times" } } }
                     tbody { @for f in failures.iter().take(MOST) { tr { td { (f.stage) } td { (f.error) } td { (f.example) } td.n { (f.times) } } } }
@@ -145,15 +146,16 @@ fn troubles(source: &Source, Trouble { failures, warnings, outdated }: &Trouble)
         @if *outdated {
             section.trouble id="outdated" {
                 h2 { "The spec or its data changed since the last run" }
-                p { "Scores are omitted, as they are those of the other version; below are only the results of this version.  "
-                    code { "magline run " (plan.spec.file) } " brings the tables up to date." }
+                p { "The stored scores belong to the earlier spec or data and are omitted. The page shows only \
+                     results of the current spec and data. "
+                    code { "magline run " (plan.spec.file) } " updates the tables." }
             }
         }
         @if !missing.is_empty() {
             section.trouble id="missing" {
-                h2 { "Not everything is in the store" }
+                h2 { "Results are missing from the store" }
                 p { @for (i, (name, n, all)) in missing.iter().enumerate() { @if i > 0 { ", " } code { (name) } ": " (n) " of " (all) " missing" } "." }
-                @if !failures.is_empty() { p { "Results that depend on a failure are omitted too." } }
+                @if !failures.is_empty() { p { "Results that depend on a failed result are also missing." } }
             }
         }
     }
@@ -180,7 +182,7 @@ fn warned(pipeline: &str, warnings: &[Warning]) -> Markup {
             section.trouble id="warnings" {
                 h2 { "Warnings" }
                 p { @for (i, kind) in kinds.iter().enumerate() { @if i > 0 { ", " } (kind.len()) " " code { (kind[0].kind.as_str()) } }
-                    ". The table " code { (pipeline) ".warnings" } " has each of them with its likely cause." }
+                    ". The table " code { (pipeline) ".warnings" } " lists all warnings with their likely causes." }
                 (listed_warnings(&seen))
                 @if !folded.is_empty() {
                     details { summary { (folded.len()) " more" }
@@ -216,7 +218,8 @@ fn plan(source: &Source) -> Markup {
     html! {
         section id="plan" {
             h2 { "The plan" }
-            p.lead { "Each box is a table: its name, the stage that made it, the sweep points it was made for, and how many of its units (a line at a point) are in the store." }
+            p.lead { "Each box is a table: its name, its stage, its sweep points, and the number of its units in the \
+                      store. A unit is one line, or one fit, at one point." }
             (flow::drawing(source))
             @if !plan.notes.is_empty() { ul.note { @for note in &plan.notes { li { (note) } } } }
             details { summary { "The spec, " (plan.spec.file) } pre { code { (plan.spec.text) } } }

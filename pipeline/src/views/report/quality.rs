@@ -63,12 +63,14 @@ pub fn section(source: &Source) -> Result<Option<Markup>, Fault> {
     Ok(Some(html! {
         section id="quality" {
             h2 { "Quality of the data" }
-            p.lead { "As they were read, before any stage. "
-                @if marked == 0 { "No figure needs a look." }
-                @else { (marked) " of " (clocks.len() + columns.len()) " columns have a figure that needs a look, marked with a " strong { "!" } "; the worst come first." }
+            p.lead { "The data as read, before any stage. "
+                @if marked == 0 { "No figure is flagged." }
+                @else { (marked) " of " (clocks.len() + columns.len()) " columns have a flagged figure, shown with \
+                    a " strong { "!" } ". The worst columns are first." }
             }
             @if unreadable > 0 {
-                p.warning { "The figures of " (unreadable) (if unreadable == 1 { " file" } else { " files" }) " in the store are damaged and are not shown; the next run makes them again." }
+                p.warning { "The figures of " (unreadable) (if unreadable == 1 { " file" } else { " files" }) " in \
+                    the store are damaged and are not shown. The next run recomputes them." }
             }
             @for picture in pictures { (picture) }
             (clock_table(source, &several, &clocks))
@@ -248,7 +250,7 @@ fn column_table(source: &Source, several: &Several, columns: &[&ColumnOf]) -> Ma
             (rows(source, several, &marked))
         }
         @if !others.is_empty() {
-            details { summary { (others.len()) @if !marked.is_empty() { " more" } (if others.len() == 1 { " column" } else { " columns" }) ", without a mark" }
+            details { summary { (others.len()) @if !marked.is_empty() { " more" } (if others.len() == 1 { " column" } else { " columns" }) ", not flagged" }
                 (rows(source, several, &others))
             }
         }
@@ -265,7 +267,8 @@ fn rows(source: &Source, several: &Several, columns: &[&ColumnOf]) -> Markup {
     html! {
         div.scroll.wide { table.sortable.lines {
             thead { tr { (key_heads(several)) th scope="col" { button { "column" } }
-                @for name in ["dropouts, longest", "spikes, largest", "stuck, longest", "saturated, at", "step", "preferred values, apart", "dead zone", "lag", "noise"] {
+                @for name in ["dropouts, longest", "spikes, largest", "stuck, longest", "saturated, at", "step",
+                    "preferred values, spacing", "dead zone", "lag", "noise"] {
                     th.n scope="col" { button { (name) } }
                 }
                 th scope="col" { button { "findings" } }
@@ -309,20 +312,35 @@ fn findings(column: &ColumnOf) -> Markup {
 
 fn glossary() -> Markup {
     html! {
-        details { summary { "What the columns mean, and what is marked" }
+        details { summary { "Meaning of the columns, and limits for flags" }
             dl {
-                dt { "jitter" } dd { "robust standard deviation of the steps of the clock; marked above a tenth of the step" }
-                dt { "gaps" } dd { "steps of more than 1.75 medians, and the time that they lack; marked above 1 s, or where a hundredth of the samples is missing" }
-                dt { "repeated times, times back" } dd { "rows with the time of the row before, or an earlier one; always marked" }
-                dt { "dropouts" } dd { "missing samples, and the longest time without one; marked above 1 s or a hundredth of the samples. Infinities and readings of exactly 0 nT are among them" }
-                dt { "spikes" } dd { "samples whose fourth difference is above 8 robust standard deviations of those around; of sensors always marked" }
-                dt { "stuck" } dd { "samples of the longest time with one value, where it is far longer than is usual for the column" }
-                dt { "saturated" } dd { "samples at an end of the range that holds far more of them than the values next to it" }
-                dt { "step" } dd { "of which differences are whole multiples; of magnetometers marked above two standard deviations of the noise, or where that does not show" }
-                dt { "preferred values" } dd { "samples of a scalar magnetometer near evenly spaced values although it gives others too, and their spacing; marked above a tenth of the samples" }
-                dt { "dead zone" } dd { "missing samples of a scalar magnetometer in a cone or a belt of directions of the field in the aircraft, by the first vector magnetometer, and the half width of it; or the samples that the sensor itself says are in its dead zone, and the longest time. Always marked" }
-                dt { "lag" } dd { "how much later the column is than that of the first magnetometer of its kind, by cross-correlation, where they share enough to say; marked above half a sample" }
-                dt { "noise" } dd { "standard deviation of white noise, from fourth differences; of scalar magnetometers marked above ten times that of the best one of the flight" }
+                dt { "jitter" } dd { "robust standard deviation of the time steps; flagged above a tenth of the \
+                                      median step" }
+                dt { "gaps" } dd { "time steps above 1.75 times the median, and the missing time; flagged above 1 s, \
+                                    or if 1 % of the samples are missing" }
+                dt { "repeated times, times back" } dd { "rows with the time of the previous row, or an earlier time; \
+                                                          always flagged" }
+                dt { "dropouts" } dd { "missing samples, and the longest time without a sample; flagged above 1 s or \
+                                        1 % of the samples. Infinities and readings of exactly 0 nT are missing \
+                                        samples" }
+                dt { "spikes" } dd { "samples whose fourth difference exceeds 8 robust standard deviations of its \
+                                      neighbourhood; always flagged for sensors" }
+                dt { "stuck" } dd { "samples of the longest time with a constant value, if it is far longer than \
+                                     usual for the column" }
+                dt { "saturated" } dd { "samples at the minimum or maximum value, if it is far more frequent than the \
+                                         neighbouring values" }
+                dt { "step" } dd { "resolution: differences are whole multiples of it. For magnetometers, flagged \
+                                    above two standard deviations of the noise, or if it hides the noise" }
+                dt { "preferred values" } dd { "samples of a scalar magnetometer near over-represented, evenly spaced \
+                                                values, and their spacing; flagged above a tenth of the samples" }
+                dt { "dead zone" } dd { "missing samples of a scalar magnetometer in a cone or a belt of field \
+                                         directions in the body frame, by the first vector magnetometer, and its half \
+                                         width. Or the samples that the sensor reports as in its dead zone, and the \
+                                         longest such time. Always flagged" }
+                dt { "lag" } dd { "delay of the column against the first magnetometer of its kind, by \
+                                   cross-correlation, if their correlation suffices; flagged above half a sample" }
+                dt { "noise" } dd { "standard deviation of white noise, from fourth differences; for scalar \
+                                     magnetometers, flagged above ten times the lowest noise of the flight" }
             }
         }
     }
@@ -365,7 +383,7 @@ fn pictures(source: &Source, clocks: &[&ColumnOf], columns: &[&ColumnOf]) -> Res
         drawn.extend(Timeline { flight, lanes, hidden }.draw());
     }
     if more > 0 {
-        drawn.push(html! { p.note { (more) " more flights with marks have no picture." } });
+        drawn.push(html! { p.note { (more) " more flagged flights have no figure." } });
     }
     Ok(drawn)
 }

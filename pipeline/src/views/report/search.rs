@@ -116,7 +116,8 @@ fn drawn(search: &Search, metric: &Metric, names: &[&str], trials: &[Trial]) -> 
                         }
                     } }
                 } }
-                @if trials.len() > MOST { p.note { "The first " (MOST) " of " (trials.len()) " are shown; " code { "magline sql" } " shows them all." } }
+                @if trials.len() > MOST { p.note { "The first " (MOST) " of " (trials.len()) " are \
+                    shown; " code { "magline sql" } " shows all." } }
             }
         }
     }
@@ -168,7 +169,7 @@ fn over_trials(trials: &[Trial], scale: &Scale) -> Option<Markup> {
     let last = trials.iter().map(|t| t.number).fold(1.0, f64::max);
     let chart = Chart {
         title: "Goal of each trial".into(),
-        caption: "Circles are trials, at each rung that they got to; the line is the best so far.".into(),
+        caption: "Circles are trials at each completed rung. The line is the best goal so far.".into(),
         x: Dim { range: Some((0.5, last + 0.5)), ..Dim::new("trial") },
         y: scale.dim.clone(),
         lines: vec![Line { name: "best so far".into(), class: "after", points }],
@@ -190,7 +191,7 @@ fn over_axis(search: &Search, axis: &Searched, names: &[&str], trials: &[Trial],
     };
     let pad = if log { (high / low).powf(0.03) } else { 0.03 * (high - low) };
     let range = if log { (low / pad, high * pad) } else { (low - pad, high + pad) };
-    let rungs = if search.rungs() > 1 { ", at each rung that it got to" } else { "" };
+    let rungs = if search.rungs() > 1 { " at one completed rung" } else { "" };
     let chart = Chart {
         title: format!("Goal over {}", axis.name),
         caption: format!("Each circle is a trial{rungs}."),
@@ -225,7 +226,7 @@ fn by_choice(axis: &Searched, at: usize, trials: &[Trial]) -> Option<Markup> {
                 thead { tr { th scope="col" { (axis.name) } th.n scope="col" { "trials" } th.n scope="col" { "best" } th.n scope="col" { "mean" } } }
                 tbody { @for (word, n, best, mean) in &rows { tr { td { (word) } td.n { (n) } td.n { (number(*best)) } td.n { (number(*mean)) } } } }
             } }
-            figcaption { "Of the trials with a goal." }
+            figcaption { "Only trials with a goal." }
         }
     })
 }

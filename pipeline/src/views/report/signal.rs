@@ -81,7 +81,7 @@ pub fn time_axis() -> Dim {
 
 impl Signal {
     fn quantity(&self) -> &'static str {
-        if self.truth.is_some() { "error, nT" } else { "signal less its mean, nT" }
+        if self.truth.is_some() { "error, nT" } else { "signal minus its mean, nT" }
     }
 
     fn line(&self, name: &str, class: &'static str, y: &[f64]) -> Line {
@@ -92,13 +92,13 @@ impl Signal {
 fn both(signal: &Signal) -> Chart {
     let (uncompensated, compensated) = (summary(&signal.before), summary(&signal.after));
     let of = match &signal.truth {
-        Some(truth) => format!("Signal less the truth {truth}, before and after compensation"),
-        None => "Signal before and after compensation; there is no truth to compare with, so both include geology"
-            .to_owned(),
+        Some(truth) => format!("Signal minus the truth {truth}, before and after compensation"),
+        None => "Signal before and after compensation. There is no truth, so both include the anomaly".to_owned(),
     };
     let caption = format!(
-        "{of}. The standard deviation goes from {} to {} nT. The means of {} and {} nT are subtracted: a fit of band-passed \
-         data cannot know the constant part. Of each stretch of time the smallest and largest value are drawn, so spikes stay.",
+        "{of}. Compensation changes the standard deviation from {} to {} nT. The means of {} and {} nT are subtracted, \
+         because a fit to band-passed data does not determine the bias. The plot shows the minimum and maximum of each \
+         interval, so it keeps spikes.",
         number(Some(uncompensated.std)),
         number(Some(compensated.std)),
         number(Some(signal.means.0)),
@@ -119,7 +119,8 @@ fn both(signal: &Signal) -> Chart {
 }
 
 fn after(signal: &Signal) -> Chart {
-    let caption = "The compensated line of the plot above on its own scale: the residual is the noise of navigation.";
+    let caption =
+        "The compensated signal of the plot above, enlarged. This residual is the measurement noise of navigation.";
     Chart {
         title: "After compensation, enlarged".into(),
         caption: caption.into(),
@@ -165,8 +166,9 @@ fn within(signal: &Signal, band: PassBand) -> Option<Chart> {
     let (before, after) = (passed(&signal.before)?, passed(&signal.after)?);
     let std = |x: &[f64]| number(Some(summary(x).std));
     let caption = format!(
-        "The same between {} and {} Hz, the pass band of the fit. Without a truth this is where the aircraft's manoeuvres \
-         stand out from the geology. The standard deviation goes from {} to {} nT.",
+        "The same signals between {} and {} Hz, the pass band of the fit. Without a truth, this band separates the \
+         manoeuvres of the aircraft from the anomaly best. Compensation changes the standard deviation from {} to {} \
+         nT.",
         band.low_hz,
         band.high_hz,
         std(&before),
@@ -201,7 +203,7 @@ fn spectra(signal: &Signal, band: Option<PassBand>) -> Option<Chart> {
     let (after, _) = of("compensated", "after", &signal.after)?;
     let what = if signal.truth.is_some() { "error" } else { "signal" };
     let shaded = if band.is_some() {
-        " Shaded is the pass band that the model was fitted in: there it should improve."
+        " The shaded band is the pass band of the fit. Compensation should reduce the density in this band."
     } else {
         ""
     };

@@ -91,7 +91,7 @@ fn chart(mut lines: Vec<Line>, rate_hz: f64) -> Option<Chart> {
         return None;
     }
     for (name, record) in
-        [("Boulder, three days with a storm", "minutes"), ("Boulder, a quiet quarter of an hour", "seconds")]
+        [("Boulder, 3 days with a magnetic storm", "minutes"), ("Boulder, 15 min without disturbance", "seconds")]
     {
         let points: Vec<(f64, f64)> =
             observatory(record).into_iter().filter(|p| p.0 >= lowest && p.0 <= 0.5 * rate_hz).collect();
@@ -99,10 +99,12 @@ fn chart(mut lines: Vec<Line>, rate_hz: f64) -> Option<Chart> {
             lines.push(Line { name: name.to_owned(), class: "reference", points });
         }
     }
-    let caption = "The recorded signals, including core field and geology, with published ones: the \
-        temporal variation of the total field at the observatory Boulder (INTERMAGNET; 3 to 5 November 2014 and 1 January \
-        2020), and the sensitivity stated by makers of magnetometers. Shaded is the band of the manoeuvres of a \
-        calibration box. Below it there are geology and temporal variation, above it the sensor's own noise shows.";
+    let caption = "The recorded signals, including core field and anomaly, compared with published spectra: the \
+                   temporal \
+        variation of the total field at the observatory Boulder (INTERMAGNET; 3 to 5 November 2014 and 1 January \
+        2020), \
+        and the sensitivity stated by manufacturers of magnetometers. The shaded band contains the manoeuvres of a \
+        calibration box. Anomaly and temporal variation dominate below it, sensor noise dominates above it.";
     Some(Chart {
         title: "Spectra of the recorded signals".into(),
         caption: caption.into(),

@@ -73,9 +73,9 @@ pub fn subjects(source: &Source, boards: &[Board]) -> Vec<Subject> {
     }
     // Points that cannot be the best come last in the ranking: is the first one such, all are.
     let first = match (board.scores.is_in_sample(*best, metric), board.marked(*best)) {
-        (true, _) => "The closest fit in detail: every point is in sample",
+        (true, _) => "The best point in detail: every point is in sample",
         (false, 0) => "The best point in detail",
-        (false, _) => "The least bad point in detail: every point is marked",
+        (false, _) => "The best of the flagged points in detail: every point is flagged",
     };
     vec![one("best", first, *best), one("worst", "The worst point in detail", *worst)]
 }
@@ -135,7 +135,7 @@ fn subject(source: &Source, (board, metric): (&Board, usize), id: &str, title: &
     let pooled = if lines > 1 { format!(", {}", board.scores.over()) } else { String::new() };
     let marked = match board.marked(row) {
         0 => String::new(),
-        n => format!("; marked on {n} of {lines} lines, see the warnings"),
+        n => format!("; flagged on {n} of {lines} lines, see the warnings"),
     };
     let why = chosen.words(board.value(row, metric)) + &pooled + &marked;
     let truth = it.params().iter().find(|(n, _)| *n == "truth").and_then(|(_, v)| word(v));

@@ -24,14 +24,20 @@ pub fn section(source: &Source, board: &Board, by_line: Vec<Markup>) -> Markup {
         section id=(format!("scores-{name}")) {
             h2 { "Scores" @if name != "scores" { ": " (name) } }
             p.lead { (points) (if points == 1 { " point of the sweep" } else { " points of the sweep" }) " over " (over)
-                ". Errors are root mean squares weighted by samples, ratios are means weighted likewise."
-                @if in_sample { " Values with a " strong { "~" } " are in sample: a model, noise or map was made from the same lines, or a search chose by them. None of them counts as best." }
-                @if points > 1 { " The best value of each metric is coloured; click a heading to sort." }
-                @if (0..points).any(|r| board.marked(r) > 0 && !scores.is_cautious(r)) { " Rows with a " strong { "!" } " are not to be trusted: on as many of their lines the filter is worse than the INS alone, or its NEES or NIS is far from its law. None of them counts as best." }
-                @if cautious { " A row that is called cautious has errors that are smaller than its filter states." }
+                ". Errors are pooled as root mean squares, ratios as means, both weighted by samples."
+                @if in_sample { " Values with a " strong { "~" } " are in sample: the lines were used by a model, \
+                    noise or map, or to choose a parameter. They are never the best." }
+                @if points > 1 { " The best value of each metric is coloured. Click a heading to sort." }
+                @if (0..points).any(|r| board.marked(r) > 0 && !scores.is_cautious(r)) { " Rows with \
+                    a " strong { "!" } " are flagged; the number counts their flagged lines. On these lines the \
+                                        filter is worse than the INS alone, its NEES or NIS is far from the expected \
+                                        value, or its whiteness is below 0.8. Flagged rows are never the best." }
+                @if cautious { " In a row labelled cautious, the covariance of the filter is too large for its \
+                                errors." }
                 @for remark in scores.at_edges() { " Note: " (remark) "." } }
             (table(board))
-            @if points > MOST { p.note { "The best " (MOST) " of " (points) " points are shown; " code { "magline sql" } " shows them all." } }
+            @if points > MOST { p.note { "The best " (MOST) " of " (points) " points are shown; "
+                code { "magline sql" } " shows all." } }
             (glossary(board))
             div.heat { @for map in heat_maps(board, &searched) { (map) } }
             @for table in by_line { (table) }
@@ -49,7 +55,7 @@ fn table(board: &Board) -> Markup {
             table.sortable.scores {
                 thead { tr {
                     @for axis in &board.scores.axes { th scope="col" { button { (axis) } } }
-                    @if marked { th scope="col" { button { "marked" } } }
+                    @if marked { th scope="col" { button { "flagged" } } }
                     @if in_sample { th scope="col" { button { "in sample" } } }
                     @for metric in &board.scores.metrics {
                         th.n scope="col" { button { (spaced(metric.name)) @if metric.unit != "1" { " [" (metric.unit) "]" } } }
@@ -96,7 +102,7 @@ fn spaced(name: &str) -> Markup {
 /// What each metric means, folded.
 fn glossary(board: &Board) -> Markup {
     html! {
-        details { summary { "What the columns mean" }
+        details { summary { "Meaning of the columns" }
             dl { @for metric in &board.scores.metrics { dt { (metric.name) } dd { (spelt(metric.meaning))
                 (match metric.better {
                     Better::Lower => "; smaller is better",
@@ -187,7 +193,7 @@ fn drawn(board: &Board, heat: &Heat) -> Markup {
             figcaption {
                 @if low <= high { "Yellow is good, purple is bad, on a logarithmic scale from " (number(Some(low))) " to " (number(Some(high))) " " (unit) "." }
                 @if seen { " Hatched cells with a ~ are in sample and have no colour." }
-                @if marked { " Hatched cells with a ! are not to be trusted and have no colour." }
+                @if marked { " Hatched cells with a ! are flagged and have no colour." }
                 @if !others.is_empty() { " Each cell is the best over " (others.join(" and ")) "." }
             }
         }
@@ -203,7 +209,7 @@ fn tile(board: &Board, metric: usize, cell: Option<usize>, (low, high): (f64, f6
         return html! { td { "-" } };
     };
     if board.marked(row) > 0 {
-        return html! { td.bad title="not to be trusted" { "! " (number(Some(value))) } };
+        return html! { td.bad title="flagged" { "! " (number(Some(value))) } };
     }
     if board.scores.is_in_sample(row, metric) {
         return html! { td.bad title="in sample" { (number(Some(value))) " ~" } };
@@ -258,7 +264,7 @@ mod tests {
         assert!(!text.contains("data-v=\"12\" title=\"best\""), "{text}");
         assert!(text.contains("data-v=\"30\" title=\"best\""), "{text}");
         let map = drawn(&board, &heat(&board, 1, &[]).unwrap()).into_string();
-        assert!(map.contains("<td class=\"bad\" title=\"not to be trusted\">! 12.00</td>"), "{map}");
+        assert!(map.contains("<td class=\"bad\" title=\"flagged\">! 12.00</td>"), "{map}");
         assert_eq!(map.matches("<td style=").count(), 2, "{map}");
         board.scores.marks = vec![1; 4];
         let (text, map) = (table(&board).into_string(), drawn(&board, &heat(&board, 1, &[]).unwrap()).into_string());

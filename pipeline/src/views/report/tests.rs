@@ -83,7 +83,7 @@ fn unit_compensation_alone_has_no_map() {
 #[test]
 fn unit_navigation_alone_has_no_model() {
     let html = page("navigation", &[], &[]).unwrap();
-    for part in ["data:image/png;base64", "North error", "East error", "Innovations", "NIS", "NEES", "A close look"] {
+    for part in ["data:image/png;base64", "North error", "East error", "Innovations", "NIS", "NEES", "Enlarged: largest error of the INS"] {
         assert!(html.contains(part), "{part}");
     }
     assert!(!html.contains("The model: ") && !html.contains("Before and after"));
@@ -123,7 +123,7 @@ fn unit_tracks_for_google_earth_are_those_of_the_page_or_of_choice() {
     assert_eq!((count(&one.document, "<name>truth</name>"), count(&one.document, "<Polygon>")), (1, 60));
     assert!(one.document.contains("<name>flight 1, line 1.02</name>") && one.files.len() == 2, "map and colour bar");
     assert!(no_table.help.is_some_and(|h| h.contains("held")), "{}", no_table.what);
-    assert!(no_line.what.contains("no navigation has a line `1.09`"), "{}", no_line.what);
+    assert!(no_line.what.contains("no table of `navigate` has a line `1.09`"), "{}", no_line.what);
 }
 
 #[test]

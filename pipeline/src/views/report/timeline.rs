@@ -54,7 +54,7 @@ impl Timeline<'_> {
         let occurs = |figure: Figure| self.lanes.iter().any(|l| l.parts.iter().any(|p| p.0 == figure));
         let kinds: Vec<(Figure, &str, &str)> = KINDS.into_iter().filter(|kind| occurs(kind.0)).collect();
         let gaps = self.lanes.iter().any(|lane| !lane.gaps.is_empty());
-        let title = format!("Flight {}: samples that need a look, over time", self.flight);
+        let title = format!("Flight {}: flagged samples over time", self.flight);
         Some(html! {
             figure {
                 h4 { (title) }
@@ -81,7 +81,7 @@ impl Timeline<'_> {
                     }
                     text.name x=(px(0.5 * (LEFT + WIDTH - RIGHT))) y=(px(height - 5.0)) text-anchor="middle" { "time since the start of the flight, min" }
                 }
-                @if self.hidden > 0 { figcaption { (self.hidden) " more columns need a look; the table has them." } }
+                @if self.hidden > 0 { figcaption { (self.hidden) " more flagged columns are in the table." } }
             }
         })
     }

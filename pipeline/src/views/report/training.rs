@@ -56,9 +56,10 @@ pub fn section(source: &Source) -> Result<Option<Markup>, Fault> {
         html! {
             section id="training" {
                 h2 { "Training" }
-                p.lead { "The loss of each epoch, over the square of the target's scale, on a logarithmic axis. A validation loss that rises while that of the training falls is overfitting." }
+                p.lead { "The loss of each epoch, divided by the square of the target's scale, on a logarithmic axis. \
+                          A validation loss that rises while the training loss falls indicates overfitting." }
                 div.heat { @for chart in charts { (chart) } }
-                @if more > 0 { p.note { (more) " more are not drawn." } }
+                @if more > 0 { p.note { (more) " more curves are not drawn." } }
             }
         }
     }))
@@ -84,8 +85,8 @@ impl Curve {
     fn chart(self, title: String) -> Option<Markup> {
         let best = self.validation.iter().min_by(|a, b| a.1.total_cmp(&b.1)).copied();
         let caption = match best {
-            Some((epoch, loss)) => format!("The least validation loss is {loss:.4}, in epoch {epoch}."),
-            None => "No lines were kept to validate with.".to_owned(),
+            Some((epoch, loss)) => format!("The lowest validation loss is {loss:.4}, in epoch {epoch}."),
+            None => "No lines were held out for validation.".to_owned(),
         };
         let mut lines = vec![Line { name: "training".into(), class: "after", points: self.training }];
         if best.is_some() {

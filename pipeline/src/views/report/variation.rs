@@ -58,7 +58,7 @@ pub fn section(source: &Source, fit: Option<Ref>) -> Result<Option<Markup>, Faul
         parts.extend(of_table(source, table, instance, false)?);
     }
     Ok((!parts.is_empty()).then(|| {
-        html! { section id="variation" { h2 { "How coefficients vary" } @for part in &parts { (part) } } }
+        html! { section id="variation" { h2 { "Variation of the coefficients" } @for part in &parts { (part) } } }
     }))
 }
 
@@ -134,10 +134,12 @@ impl Coefficients {
         Ok(html! {
             h3 { (title) ": over " (of.axis) ", " (self.models.len()) @if of.all > of.members.len() { " of " (of.all) } " " (what) }
             p.lead {
-                "The coefficient of variation is the standard deviation over the size of the mean; averaged over all terms it is "
+                "The coefficient of variation is the standard deviation divided by the absolute mean. Averaged over \
+                 all terms it is "
                 strong { (number(mean_of(&spread))) }
-                ". A term that changes its sign has a large one. What differs between calibrations is not the aircraft's alone: \
-                 a larger lambda makes coefficients more alike, and smaller."
+                ". It is large for terms that change sign. Differences between calibrations are not caused by the \
+                 aircraft \
+                 alone. A larger lambda makes coefficients smaller and more similar."
             }
             div.scroll { table.sortable {
                 thead { tr {
@@ -188,10 +190,11 @@ fn over_lambda(source: &Source, table: usize, instance: usize, of: &Calibrations
     points.sort_by(|a, b| a.0.total_cmp(&b.0));
     let x = Dim::new("lambda");
     let chart = Chart {
-        title: "How alike calibrations are".into(),
-        caption: "The mean of std / |mean| over all terms. A strong ridge makes calibrations alike; whether they are \
-                  right as well, the scores say."
-            .into(),
+        title: "Similarity of calibrations".into(),
+        caption:
+            "The mean of std / |mean| over all terms. A large ridge parameter makes calibrations similar. The scores \
+                  show whether they are also accurate."
+                .into(),
         // A logarithm has no place for 0.
         x: if points.first().is_some_and(|p| p.0 > 0.0) { x.log() } else { x },
         y: Dim::new("mean coefficient of variation").log(),

@@ -83,9 +83,12 @@ impl Normalised {
         let white = known().filter(|(_, r)| r.value.abs() <= half(*r)).count();
         let counted = whiteness(x, COUNTED).value;
         let caption = format!(
-            "Innovations over their predicted deviation, about 0; {} s from one to the next. Of white ones 95 % of the lags are within \
-             ±1.96/√n; here {:.0} % of those drawn, and {} of the first {COUNTED}. What stays positive lasts: noise that the filter \
-             takes for white, or an error of the map or the compensation.",
+            "Autocorrelation of the innovations divided by their predicted standard deviation, without subtracting the \
+             mean; {} s between samples. For white innovations 95 % of the lags are within ±1.96/√n. Here {:.0} % of \
+             the \
+             lags in the plot and {} of the first {COUNTED} are. A positive autocorrelation indicates correlated \
+             noise, or \
+             an error of the map or compensation, that the filter treats as white.",
             number(Some(step_s)),
             100.0 * white as f64 / points.len() as f64,
             if counted.is_nan() { "too few".to_owned() } else { format!("{:.0} %", 100.0 * counted) },
@@ -110,9 +113,11 @@ impl Normalised {
         let (low, high) = mean_square_band(window as f64);
         let largest = points.iter().map(|p| p.1).fold(0.0, f64::max);
         let caption = format!(
-            "Normalised innovation squared, mean over {window} updates at a time. For independent innovations of the predicted \
-             size 95 % are between {} and {}: above it the measurements are worse than the filter believes, below it they are \
-             better. The mean of the line is {}.",
+            "Normalised innovation squared, means over {window} updates. For independent innovations of the predicted \
+             size \
+             95 % are between {} and {}. Above this band the assumed noise is too small, below it is too large. The \
+             mean \
+             of the line is {}.",
             number(Some(low)),
             number(Some(high)),
             number(Some(self.nis)),

@@ -22,7 +22,7 @@ pub fn fault(e: &DataFusionError, session: &Session, query: &str) -> Fault {
                 let have: Vec<&str> = valid_fields.iter().map(|c| c.name.as_str()).collect();
                 Fault::new(format!("there is no column `{}`", field.name)).nearest(&field.name, &have)
             }
-            other => Fault::new(format!("the query cannot be answered: {other}")),
+            other => Fault::new(format!("cannot run the query: {other}")),
         },
         DataFusionError::External(inner) if inner.is::<Unreadable>() => match inner.downcast_ref::<Unreadable>() {
             Some(Unreadable(fault)) => fault.clone(),
@@ -36,11 +36,11 @@ pub fn fault(e: &DataFusionError, session: &Session, query: &str) -> Fault {
             let too_long = ["offset overflow", "size overflow", "failed to allocate"].iter().any(|w| lower.contains(w));
             if text.contains("panicked") || too_long {
                 return Fault::machine(format!("the query has values that are too large: {text}"))
-                    .help("a narrower WHERE, shorter texts or fewer columns make it smaller");
+                    .help("select fewer rows with WHERE, or select fewer columns or shorter texts");
             }
             let no_table = text.contains("not found") && (text.contains("table") || text.contains("schema"));
             let missing = if no_table { missing(session, query) } else { None };
-            missing.unwrap_or_else(|| Fault::new(format!("the query cannot be answered: {text}")))
+            missing.unwrap_or_else(|| Fault::new(format!("cannot run the query: {text}")))
         }
     }
 }
@@ -52,7 +52,7 @@ fn missing(session: &Session, query: &str) -> Option<Fault> {
     let asked = state.resolve_table_references(&statement).ok()?;
     if known.tables.is_empty() && !asked.is_empty() {
         let fault = Fault::new(format!("there are no tables in the store {}", session.store().display()));
-        return Some(fault.help("run a spec first, and name its store with `--store`"));
+        return Some(fault.help("run a spec first, then give its store with `--store`"));
     }
     asked.iter().find_map(|table| not_there(table, known))
 }
@@ -66,8 +66,8 @@ fn not_there(table: &TableReference, known: &Known) -> Option<Fault> {
         return None;
     }
     if known.elsewhere.contains(&name) {
-        let fault = Fault::new(format!("the table `{name}` is a link out of the store"));
-        return Some(fault.help("`sql` reads only what lies in the store"));
+        let fault = Fault::new(format!("the table `{name}` is a link to a place outside the store"));
+        return Some(fault.help("`magline sql` reads only files in the store"));
     }
     let fault = Fault::new(format!("there is no table `{name}`"));
     let same = |k: &&String| {

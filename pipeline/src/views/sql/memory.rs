@@ -35,7 +35,7 @@ pub fn size(text: &str) -> Result<usize, String> {
     match bytes {
         Some(bytes) if bytes >= SMALLEST as f64 && bytes < 1e18 => Ok(bytes as usize),
         Some(_) => Err(format!("it must be at least {}", shown(SMALLEST))),
-        None => Err("say a size such as `500MB` or `4GB`".to_owned()),
+        None => Err("give a size such as `500MB` or `4GB`".to_owned()),
     }
 }
 
@@ -47,13 +47,13 @@ pub fn shown(bytes: usize) -> String {
 
 /// The message on a query that needs more than its limit, bytes.
 pub fn exceeded(limit: usize) -> String {
-    format!("the query needs more memory than the {} it may take", shown(limit))
+    format!("the query exceeds its memory limit of {}", shown(limit))
 }
 
 /// The fault of a query that needs more than its limit, bytes.
 pub fn fault(limit: usize) -> Fault {
     Fault::machine(exceeded(limit))
-        .help("`--memory-limit` gives it more; a narrower WHERE, a LIMIT or fewer columns make it smaller")
+        .help("increase `--memory-limit`, or select fewer rows with WHERE or LIMIT, or fewer columns")
 }
 
 /// A quarter of the machine's memory, or of what its control group allows, within bounds.

@@ -46,7 +46,7 @@ pub fn plan(plan: &LogicalPlan) -> Result<(), Fault> {
         found = does(part);
         Ok(if found.is_some() { TreeNodeRecursion::Stop } else { TreeNodeRecursion::Continue })
     });
-    visited.map_err(|e| Fault::new(format!("the query cannot be answered: {e}")))?;
+    visited.map_err(|e| Fault::new(format!("cannot run the query: {e}")))?;
     found.map_or(Ok(()), |what| Err(refused(&what)))
 }
 
@@ -87,6 +87,6 @@ fn refused(text: &str) -> Fault {
     let words: Vec<&str> = text.split_whitespace().take(3).collect();
     let named = words.first().is_some_and(|w| KINDS.contains(&w.to_uppercase().as_str()));
     let kind = words.iter().take(if named { 2 } else { 1 }).map(|w| w.to_uppercase()).collect::<Vec<_>>().join(" ");
-    let fault = Fault::new(format!("`{kind}` is refused: a query reads the tables of a store and changes nothing"));
-    fault.help("ask with SELECT; `magline sql -o FILE` keeps the answer")
+    let fault = Fault::new(format!("`{kind}` is rejected: queries are read-only"));
+    fault.help("use SELECT; `magline sql -o FILE` writes the result to a file")
 }

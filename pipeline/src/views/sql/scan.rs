@@ -43,7 +43,7 @@ use crate::{
 const BATCH_ROWS: usize = 8192;
 
 fn damaged(path: &Path, e: &dyn std::fmt::Display) -> Fault {
-    Fault::machine(format!("cannot read {}: {e}", path.display())).help("run the spec again: it is computed again")
+    Fault::machine(format!("cannot read {}: {e}", path.display())).help("run the spec again to recompute it")
 }
 
 /// A published table.
@@ -104,11 +104,11 @@ impl Published {
 
 impl Logical {
     fn read(file: &Sealed) -> Result<(SchemaRef, Logical), Box<dyn std::error::Error>> {
-        let text = |key: &str| file.text(key).ok_or_else(|| format!("it does not say {key}"));
+        let text = |key: &str| file.text(key).ok_or_else(|| format!("its metadata has no {key}"));
         let hex = text(SCHEMA)?;
         let byte = |i: usize| hex.get(2 * i..2 * i + 2).and_then(|h| u8::from_str_radix(h, 16).ok());
         let message: Option<Vec<u8>> = (0..hex.len() / 2).map(byte).collect();
-        let message = message.ok_or("its schema cannot be read")?;
+        let message = message.ok_or("its schema is unreadable")?;
         let schema = arrow_ipc::root_as_schema(&message).map_err(|e| e.to_string())?;
         let schema = arrow_ipc::convert::fb_to_schema(schema);
         let patterns = serde_json::from_str(text(PATTERNS)?)?;
@@ -187,7 +187,7 @@ impl Source {
         let own = logical.key(i, 0).ok_or_else(|| Fault::bug("a unit without a key"))?;
         let rows = self.objects.find(own).and_then(|p| p.rows);
         let rows = rows.ok_or_else(|| {
-            Fault::machine(format!("the store no longer holds {own}")).help("run the spec again: it is computed again")
+            Fault::machine(format!("the store no longer contains {own}")).help("run the spec again to recompute it")
         })?;
         let mut wanted: HashMap<Key, Vec<&str>> = HashMap::new();
         for field in schema.fields() {
@@ -211,7 +211,9 @@ impl Source {
                 typed(value.map_err(|e| Fault::machine(e.to_string()))?, field)
             }
             (Some(array), _) if array.len() == rows => typed(array.clone(), field),
-            (Some(_), _) => Err(Fault::machine(format!("`{}` has other rows than the table", field.name()))),
+            (Some(_), _) => {
+                Err(Fault::machine(format!("the rows of `{}` differ from the rows of the table", field.name())))
+            }
             (None, _) => Ok(new_null_array(field.data_type(), rows)),
         };
         Ok((schema.fields().iter().map(column).collect::<Result<Vec<_>, Fault>>()?, rows))

@@ -42,7 +42,7 @@ impl ObjectStoreRegistry for Nowhere {
     }
 
     fn get_store(&self, url: &Url) -> Result<Arc<dyn ObjectStore>, DataFusionError> {
-        plan_err!("{url} is not in the store, and nothing else can be read")
+        plan_err!("{url} is not in the store; queries read only the store")
     }
 }
 
@@ -115,8 +115,8 @@ pub fn register(context: &SessionContext, root: &Path, pins: Option<&Pins>) -> R
 fn pinned(root: &Path, pipeline: &str, (number, sum): &(u64, String)) -> Result<Version, Fault> {
     let version = Version::open(&root.join("versions").join(pipeline).join(number.to_string()));
     version.filter(|version| version.manifest.sum() == sum).ok_or_else(|| {
-        let what = format!("the tables of `{pipeline}` that the query was planned over are not there any more");
-        Fault::machine(what).help("ask again: it is then planned over those of now")
+        let what = format!("the version of `{pipeline}` that the query was planned for no longer exists");
+        Fault::machine(what).help("repeat the query; it then reads the current version")
     })
 }
 

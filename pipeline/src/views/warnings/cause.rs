@@ -114,7 +114,9 @@ impl<'a> Facts<'a> {
     /// What is likely to be behind a warning; `None` where nothing that is known explains it.
     pub fn cause(&self, kind: Kind) -> Option<String> {
         if kind == Kind::Retention {
-            let cause = "the model was fitted over strong geology or has learnt the map from its inputs; on a single line what it leaves may also follow the geology by chance";
+            let cause = "the model was fitted over strong anomalies, or learnt the map from its inputs; on a single \
+                         line \
+                         the residual may also correlate with the anomaly by chance";
             return Some(cause.to_owned());
         }
         let settings = self.settings.as_ref()?;
@@ -122,17 +124,32 @@ impl<'a> Facts<'a> {
             Kind::WorseThanIns | Kind::NeesHigh | Kind::NisHigh => self.too_sure(settings, kind),
             Kind::NeesLow | Kind::NisLow if settings.found => vec![],
             Kind::NeesLow | Kind::NisLow => self.too_cautious(settings),
-            Kind::NotWhite => vec!["an error that lasts is taken as independent noise: of the map between sparse lines \
-                (`map_error_length_m`, `map_sigma_nt`), of the time stamps (`mag_latency_sigma_s`), or of what compensation left"
-                .to_owned()],
-            Kind::Gnss => vec!["the receiver is jammed, spoofed or faulty, or the INS is worse than its grade; \
+            Kind::NotWhite => vec![
+                "the filter treats a correlated error as independent noise: a map error between \
+                sparse lines (`map_error_length_m`, `map_sigma_nt`), a time stamp error (`mag_latency_sigma_s`), or \
+                the \
+                residual of compensation"
+                    .to_owned(),
+            ],
+            Kind::Gnss => vec![
+                "the receiver is jammed, spoofed or faulty, or the errors of the INS exceed its grade; \
                 `gnss_test = false` uses all positions"
-                .to_owned()],
+                    .to_owned(),
+            ],
             Kind::OffMap if self.diverged() => vec!["the filter diverged and left the map".to_owned()],
-            Kind::OffMap => vec!["the map does not cover the line, or has unknown cells below it".to_owned()],
-            Kind::Flat => vec!["the noise is more than `flat_over_m` of the map's slope there: what the line tells of a position is the INS".to_owned()],
+            Kind::OffMap => vec!["the map does not cover the line, or has unknown nodes below it".to_owned()],
+            Kind::Flat => vec![
+                "the noise exceeds `flat_over_m` times the slope of the map, so the position is mainly \
+                                the \
+                INS's"
+                    .to_owned(),
+            ],
             Kind::MapHeight if settings.levels => vec!["the flight leaves the heights of `map_levels_m`".to_owned()],
-            Kind::MapHeight => vec!["`navigate` has no `map_levels_m`: name heights about those flown".to_owned()],
+            Kind::MapHeight => vec![
+                "`map_levels_m` of `navigate` is unset; list heights below and above the heights \
+                                     flown"
+                    .to_owned(),
+            ],
             Kind::Retention | Kind::Fit | Kind::Map | Kind::Metric => vec![],
         };
         (!found.is_empty()).then(|| found.join("; "))
@@ -148,7 +165,7 @@ impl<'a> Facts<'a> {
             let large = |bias: &f64| bias.abs() > limits::BIAS_SIGMAS * sigma.unwrap_or(5.0);
             match row.get("bias_error") {
                 Some(bias) if large(&bias) => found.push(format!(
-                    "the measurement is off by a constant (bias_error {} nT) and `offset_window_s` is 0",
+                    "the measurement has a bias (bias_error {} nT) and `offset_window_s` is 0",
                     shown(bias)
                 )),
                 Some(_) => {}
@@ -162,7 +179,7 @@ impl<'a> Facts<'a> {
             found.push(format!("the map is at another height than the flight ({} nT rms)", shown(error)));
         }
         if let Some((said, flown)) = settings.dates.filter(|(a, b)| (a - b).abs() > limits::DATE_A) {
-            found.push(format!("`decimal_year` is {said:.2}, but the flight's own date is {flown:.2}"));
+            found.push(format!("`decimal_year` is {said:.2}, but the date in the flight is {flown:.2}"));
         }
         found.extend(self.sigma_too_small(sigma).filter(|_| !settings.found));
         if let Some(share) = row.off_map().filter(|s| *s >= limits::OFF_MAP_CAUSE) {
@@ -182,13 +199,13 @@ impl<'a> Facts<'a> {
         let nis = self.row.get("nis").filter(|nis| *nis > limits::NIS.high());
         match (left, nis) {
             (Some(left), _) => Some(format!(
-                "compensation left {} nT (std_error), but `measurement_sigma_nt` is {}",
+                "the residual of compensation is {} nT (std_error), but `measurement_sigma_nt` is {}",
                 shown(left),
                 shown(sigma)
             )),
             (None, Some(nis)) => Some(format!(
-                "the innovations are {} times as large as predicted: `measurement_sigma_nt` of {} is too small for what map, \
-                 temporal variation and compensation leave",
+                "the innovations are {} times as large as predicted: `measurement_sigma_nt` of {} is too small for the \
+                 errors of map, temporal variation and compensation",
                 shown(nis.sqrt()),
                 shown(sigma)
             )),
@@ -201,11 +218,11 @@ impl<'a> Facts<'a> {
         let within =
             |metric: &str, law: &limits::Law| self.row.get(metric).is_some_and(|v| v >= law.low() && v <= law.high());
         if kind == Kind::WorseThanIns && within("nees", &limits::NEES) {
-            return Some("the filter knows its error: along this line the map says too little".to_owned());
+            return Some("the filter is consistent, but the map has too little information along this line".to_owned());
         }
         within("nis", &limits::NIS).then(|| {
-            "the innovations are of the predicted size, so errors that last (of the map, of what compensation left) are \
-             taken for independent noise: a larger `measurement_sigma_nt` or `fogm_sigma_nt`"
+            "the innovations have the predicted size, so the filter treats correlated errors (of the map or of \
+             compensation) as independent noise; increase `measurement_sigma_nt` or `fogm_sigma_nt`"
                 .to_owned()
         })
     }
@@ -216,18 +233,20 @@ impl<'a> Facts<'a> {
         let lasting = settings.fogm_sigma_nt.filter(|fogm| settings.sigma_nt.is_some_and(|sigma| *fogm > 5.0 * sigma));
         match (low, settings.sigma_nt, lasting) {
             (Some(_), Some(sigma), Some(lasting)) => vec![format!(
-                "`fogm_sigma_nt` of {} is too large, or `fogm_tau_s` too short: the innovations show less than what lasts of the \
-                 errors changes by from sample to sample; the white noise of {} nT is no part of it",
+                "`fogm_sigma_nt` of {} is too large, or `fogm_tau_s` is too short: the innovations are smaller than \
+                 the \
+                 predicted change of the correlated error from sample to sample; the white noise of {} nT does not \
+                 cause it",
                 shown(lasting),
                 shown(sigma)
             )],
             (Some(nis), Some(sigma), None) => {
                 let left = self.row.get("std_error");
                 let left = left.map_or(String::new(), |left| {
-                    let lasts = "std_error; what of it lasts belongs into `fogm_sigma_nt`";
-                    format!(", compensation left {} nT ({lasts})", shown(left))
+                    let lasts = "std_error; its correlated part belongs in `fogm_sigma_nt`";
+                    format!(", and the residual of compensation is {} nT ({lasts})", shown(left))
                 });
-                let what = "is too large: the innovations show about";
+                let what = "is too large: the innovations indicate about";
                 vec![format!(
                     "`measurement_sigma_nt` of {} {what} {} nT{left}",
                     shown(sigma),
@@ -235,10 +254,10 @@ impl<'a> Facts<'a> {
                 )]
             }
             (Some(_), None, _) => {
-                vec!["the sigma that was estimated is larger than what the line's measurements show".to_owned()]
+                vec!["the estimated standard deviation is larger than the innovations of the line indicate".to_owned()]
             }
             (None, _, _) => {
-                vec!["initial sigmas or process noise are larger than the errors of this INS".to_owned()]
+                vec!["the initial standard deviations or the process noise exceed the errors of this INS".to_owned()]
             }
         }
     }

@@ -112,18 +112,18 @@ impl Kind {
     pub fn of_many(self) -> &'static str {
         match self {
             Kind::WorseThanIns => "the filter is worse than the INS alone",
-            Kind::NeesHigh => "the position errors are far larger than the filter's covariance says",
-            Kind::NeesLow => "the filter is cautious, its position errors are far smaller than its covariance",
+            Kind::NeesHigh => "the filter is overconfident: its position errors are far larger than its covariance",
+            Kind::NeesLow => "the filter is cautious: its position errors are far smaller than its covariance",
             Kind::NisHigh => "the innovations are far larger than the filter predicts",
-            Kind::NisLow => "the filter is cautious, the innovations are far smaller than it predicts",
-            Kind::NotWhite => "the innovations repeat, so that the covariance holds too few errors",
-            Kind::Gnss => "positions by GNSS contradict the INS and are rejected",
+            Kind::NisLow => "the filter is cautious: the innovations are far smaller than it predicts",
+            Kind::NotWhite => "the innovations are correlated in time, so the covariance is too small",
+            Kind::Gnss => "GNSS positions contradict the INS and are rejected",
             Kind::OffMap => "most samples are off the map",
-            Kind::Flat => "the map is too flat to tell a position of most samples",
+            Kind::Flat => "the map is too flat to correct the position at most samples",
             Kind::MapHeight => "the map is at another height than the flight",
-            Kind::Retention => "the compensation takes part of the geology with the aircraft's field",
-            Kind::Fit => "the fit warns",
-            Kind::Map => "the map warns",
+            Kind::Retention => "compensation removed part of the anomaly",
+            Kind::Fit => "the fit has a warning",
+            Kind::Map => "the map has a warning",
             Kind::Metric => "metrics cannot be computed",
         }
     }
@@ -256,44 +256,45 @@ fn judge(facts: &Facts) -> Vec<Found> {
         } else {
             continue;
         };
-        let text = format!("{}: {metric} {}, where {} is its law", kind.of_many(), shown(value), law.mean);
+        let text = format!("{}: {metric} {}, expected value {}", kind.of_many(), shown(value), law.mean);
         add(kind, (value, limit, "1"), text);
     }
     if let Some(white) = row.get("whiteness").filter(|white| *white < limits::WHITENESS && row.get("drms") != Some(0.0))
     {
-        let text = format!("{}: whiteness {}, where 0.95 is expected", Kind::NotWhite.of_many(), shown(white));
+        let text = format!("{}: whiteness {}, expected value 0.95", Kind::NotWhite.of_many(), shown(white));
         add(Kind::NotWhite, (white, limits::WHITENESS, "1"), text);
     }
     if let Some((count, fixes)) = row.counted("gnss_rejected").filter(|(count, _)| *count > 0.0) {
-        let first =
-            facts.gnss_rejected_s().map_or(String::new(), |at| format!(", the first {at:.0} s after the line's start"));
-        let text = format!("{count:.0} of {fixes} positions by GNSS contradict the INS and are rejected{first}");
+        let first = facts
+            .gnss_rejected_s()
+            .map_or(String::new(), |at| format!(", the first {at:.0} s after the start of the line"));
+        let text = format!("{count:.0} of {fixes} GNSS positions contradict the INS and are rejected{first}");
         add(Kind::Gnss, (count, 0.0, "1"), text);
     }
     if let Some(share) = row.off_map()
         && share > limits::OFF_MAP
     {
-        let text = format!("{:.0} % of the samples are off the map, where the filter only predicts", 100.0 * share);
+        let text = format!("{:.0} % of the samples are off the map, without measurement updates", 100.0 * share);
         add(Kind::OffMap, (share, limits::OFF_MAP, "1"), text);
     }
     if let Some(share) = row.flat()
         && share > limits::FLAT
     {
-        let text = format!("the map is too flat to tell a position of {:.0} % of the samples", 100.0 * share);
+        let text = format!("the map is too flat to correct the position at {:.0} % of the samples", 100.0 * share);
         add(Kind::Flat, (share, limits::FLAT, "1"), text);
     }
     if let Some(error_nt) = row.get("map_height_error")
         && error_nt > limits::map_height_nt(facts.sigma_nt())
     {
         let limit = limits::map_height_nt(facts.sigma_nt());
-        let what = "the map is at another height than the flight and is not continued to it: an error of";
-        add(Kind::MapHeight, (error_nt, limit, "nT"), format!("{what} {} nT rms is to be expected", shown(error_nt)));
+        let what = "the map is at another height than the flight and is not continued to it; the expected error is";
+        add(Kind::MapHeight, (error_nt, limit, "nT"), format!("{what} {} nT rms", shown(error_nt)));
     }
     if let (Some(kept), Some(error)) = (row.get("anomaly_retention"), row.get("anomaly_retention_se"))
         && kept + limits::RETENTION_ERRORS * error < limits::RETENTION
     {
         let text = format!(
-            "compensation removed part of the anomaly: {} of it remains, standard error {}",
+            "compensation removed part of the anomaly: anomaly retention {}, standard error {}",
             shown(kept),
             shown(error)
         );
@@ -359,7 +360,7 @@ pub fn told(warnings: &[Warning], table: &str) -> Vec<String> {
     }
     if !out.is_empty() {
         let n = warnings.len();
-        out.push(format!("{n} {}; the table `{table}` has each", if n == 1 { "warning" } else { "warnings" }));
+        out.push(format!("{n} {}; the table `{table}` lists all", if n == 1 { "warning" } else { "warnings" }));
     }
     out
 }

@@ -31,7 +31,7 @@ fn r10_the_figures_of_the_issue_are_marked() {
     assert_eq!(kinds(&found), ["nis_low"]);
     let cause = found[0].cause.as_deref().unwrap();
     assert!(
-        cause.contains("`measurement_sigma_nt` of 100.0 is too large: the innovations show about 6.325"),
+        cause.contains("`measurement_sigma_nt` of 100.0 is too large: the innovations indicate about 6.325"),
         "{cause}"
     );
 }
@@ -77,7 +77,7 @@ fn unit_geology_that_goes_with_the_aircraft_is_remarked_with_and_without_navigat
         for settings in [None, Some(given(5.0))] {
             let found = judge(&Facts { row: &row, settings });
             assert_eq!(kinds(&found), if remarked { vec!["retention"] } else { vec![] }, "{kept}");
-            assert!(found.iter().all(|f| f.cause.as_deref().is_some_and(|c| c.contains("strong geology"))));
+            assert!(found.iter().all(|f| f.cause.as_deref().is_some_and(|c| c.contains("strong anomalies"))));
         }
     }
 }
@@ -111,15 +111,18 @@ fn r10_a_cause_is_named_from_what_is_known() {
     let taken = Settings { offset_window_s: 60.0, ..given(5.0) };
     assert!(!cause(&[("bias_error", -353.0)], taken).contains("offset_window_s"));
     let left = cause(&[("std_error", 14.0)], given(5.0));
-    assert!(left.contains("compensation left 14.00 nT (std_error), but `measurement_sigma_nt` is 5"), "{left}");
+    assert!(
+        left.contains("the residual of compensation is 14.00 nT (std_error), but `measurement_sigma_nt` is 5"),
+        "{left}"
+    );
     let height = cause(&[("map_height_error", 12.0)], given(5.0));
     assert!(height.contains("at another height than the flight (12.00 nT rms)"), "{height}");
     let map = cause(&[("samples_off_map", 40.0)], given(5.0));
     assert!(map.contains("40 % of the samples are off the map"), "{map}");
     let date = cause(&[], Settings { dates: Some((2015.5, 2020.4)), ..given(5.0) });
-    assert!(date.contains("`decimal_year` is 2015.50, but the flight's own date is 2020.40"), "{date}");
+    assert!(date.contains("`decimal_year` is 2015.50, but the date in the flight is 2020.40"), "{date}");
     let lasting = cause(&[], given(5.0));
-    assert!(lasting.contains("errors that last"), "{lasting}");
+    assert!(lasting.contains("correlated errors"), "{lasting}");
 }
 
 #[test]
@@ -171,9 +174,10 @@ fn gold_many_warnings_are_told_by_the_worst_of_each_kind() {
         [
             "scores: the filter is worse than the INS alone at 2 places, worst (mag = mag_4_uc, flight 1, line 1.02): \
              drms 90\n  likely cause: a cause",
-            "scores (mag = mag_4_uc, flight 1, line 1.01): the filter is cautious, the innovations are far smaller than it \
+            "scores (mag = mag_4_uc, flight 1, line 1.01): the filter is cautious: the innovations are far smaller \
+             than it \
              predicts: drms 0.004\n  likely cause: a cause",
-            "3 warnings; the table `p.warnings` has each",
+            "3 warnings; the table `p.warnings` lists all",
         ]
     );
     assert!(super::told(&[], "p.warnings").is_empty());

@@ -118,7 +118,7 @@ fn user_two_runs_in_a_bucket_of_google_exclude_each_other_and_whoever_publishes_
     let cache = lab.cache();
     let late = lab.run(&at, &cache, &["--set", "axes.corner=[0.4]"]);
     assert_eq!(late.code, 1, "{}", late.err);
-    assert!(format!("{}{}", late.out, late.err).contains("another run has published `small`"), "{}", late.err);
+    assert!(format!("{}{}", late.out, late.err).contains("another run published `small`"), "{}", late.err);
     assert!(fs::read_to_string(lab.server.path(newest)).unwrap().contains("theirs"));
     lab.server.faults(|_| Fault::None);
     lab.server.other().put(newest, &before);

@@ -211,7 +211,11 @@ fn user_two_runs_at_once_compute_each_unit_once() {
     let second = lab.begun(&address("one"), USERS[1], &lab.cache(), &["--wait"]);
     let third = ended(lab.begun(&address("one"), USERS[2], &lab.cache(), &[]));
     assert_eq!(third.code, 3, "{}", third.err);
-    assert!(third.err.contains(&format!("at work in {}: process {}", address("one"), first.id())), "{}", third.err);
+    assert!(
+        third.err.contains(&format!("holds the lock in {}: process {}", address("one"), first.id())),
+        "{}",
+        third.err
+    );
     open.store(true, Ordering::SeqCst);
     let [first, second] = [first, second].map(ended);
     assert_eq!((first.counts(), second.counts()), ((0, units, 0), (0, 0, units)), "{} {}", first.err, second.err);
@@ -267,7 +271,7 @@ fn user_whoever_publishes_first_is_not_overwritten() {
     let late = lab.run(&address("one"), &cache, &["--set", "axes.corner=[0.4]"]);
     assert_eq!(late.code, 1, "{}", late.err);
     let said = format!("{}{}", late.out, late.err);
-    assert!(said.contains("another run has published `small`") && said.contains("run it again"), "{said}");
+    assert!(said.contains("another run published `small`") && said.contains("run the spec again"), "{said}");
     assert!(fs::read_to_string(lab.server.path(newest)).unwrap().contains("theirs"));
     // The other writer is gone as well; what was computed is there.
     lab.server.faults(|_| Fault::None);
@@ -331,7 +335,7 @@ fn user_a_set_is_published_to_a_bucket_as_to_a_folder() {
     lab.server.faults(|asked| if asked.number % 4 == 0 { Fault::Status(500) } else { Fault::None });
     let bucket = to(&address("sets/smooth"));
     assert_eq!(bucket.code, 0, "{}", bucket.err);
-    assert!(to(&address("sets/smooth")).out.contains("the same data set already"));
+    assert!(to(&address("sets/smooth")).out.contains("already holds the same published set"));
     lab.server.faults(|_| Fault::None);
     assert_same(&all_files(&lab.path("set")), &all_files(&lab.server.path("sets/smooth")), "the set");
     let there = lab.server.path("sets/smooth").display().to_string();
@@ -371,12 +375,18 @@ fn user_what_is_refused_is_said_in_words_and_without_secrets() {
         (&at, &[("AWS_SECRET_ACCESS_KEY", "geheim-guessed")], 1, &["403", "do not permit it"]),
         (&at, &[("AWS_ACCESS_KEY_ID", "AKIANOBODY")], 1, &["do not permit it"]),
         (&nowhere, &[], 1, &["there is no bucket s3://nowhere"]),
-        (&at, &[("AWS_ENDPOINT_URL", &format!("http://{nobody}"))], 1, &[&at, "nobody answers there"]),
+        (&at, &[("AWS_ENDPOINT_URL", &format!("http://{nobody}"))], 1, &[&at, "the server did not respond in time"]),
         (&at, &[("AWS_ENDPOINT_URL", &down.endpoint)], 1, &[&at, "500"]),
-        (&at, &[("AWS_ENDPOINT_URL", &mute.endpoint), ("AWS_TIMEOUT", "1 second")], 1, &["nobody answers there"]),
+        (
+            &at,
+            &[("AWS_ENDPOINT_URL", &mute.endpoint), ("AWS_TIMEOUT", "1 second")],
+            1,
+            &["the server did not respond \
+            in time"],
+        ),
         (&at, &[("AWS_ALLOW_HTTP", "false")], 1, &["AWS_ALLOW_HTTP"]),
         (&at, &[("AWS_PROFILE", "lab")], 1, &["no profile `lab`"]),
-        (&password, &[], 2, &["does not belong there"]),
+        (&password, &[], 2, &["into the environment"]),
     ];
     scope(|scope| {
         for (store, more, code, words) in cases {

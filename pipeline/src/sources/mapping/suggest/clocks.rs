@@ -58,7 +58,7 @@ fn one(column: &Sample) -> Option<Clock> {
         Form::Iso.read(text)?;
         return Some(Clock {
             said: format!("{{ from = {}, clock = \"text\" }}", quoted(&column.name)),
-            why: format!("text of ISO 8601, such as {}; taken as UTC where it says no offset", quoted(text)),
+            why: format!("ISO 8601 text, such as {}; UTC unless the text has an offset", quoted(text)),
             column: column.name.clone(),
             unit: "s",
             boot: false,
@@ -91,8 +91,8 @@ fn one(column: &Sample) -> Option<Clock> {
     let of_day =
         column.name == "tt" || (column.words().iter().any(|w| w == "day" || w == "utc") && last * seconds < 172_800.0);
     let (clock, why) = match (unix, of_day) {
-        (true, _) => ("unix", "so many seconds after 1970 are of this century"),
-        (_, true) => ("day", "its name says seconds past midnight; the date is not known"),
+        (true, _) => ("unix", "as seconds after 1970 the date is in this century"),
+        (_, true) => ("day", "its name indicates seconds past midnight; the date is unknown"),
         (false, false) => ("boot", "it starts with the log"),
     };
     let (name, hz) = (quoted(&column.name), 1.0 / (step * seconds));
@@ -111,7 +111,7 @@ fn unit_of(column: &Sample, first: f64, step: f64) -> Option<(&'static str, &'st
     let units = ["s", "ms", "us", "ns"];
     if let Some(unit) = units.iter().find(|u| convert(&column.unit, "s") == convert(u, "s") && !column.unit.is_empty())
     {
-        return Some((unit, "the file says so"));
+        return Some((unit, "unit in the file"));
     }
     let words = column.words();
     let joined = words.concat();
@@ -119,19 +119,19 @@ fn unit_of(column: &Sample, first: f64, step: f64) -> Option<(&'static str, &'st
     if let Some(unit) =
         ["us", "ms", "ns", "s"].iter().find(|u| ends(u) || (words.last().is_some_and(|w| w == *u) && words.len() > 1))
     {
-        return Some((unit, "its name ends so"));
+        return Some((unit, "suffix of the name"));
     }
     for (unit, factor) in [("s", 1.0), ("ms", 1e3), ("us", 1e6), ("ns", 1e9)] {
         if (1e9 * factor..4e9 * factor).contains(&first) {
-            return Some((unit, "only so it is a date of this century"));
+            return Some((unit, "only this unit gives a date in this century"));
         }
     }
     // Rates of logs are from 0.05 to 2000 Hz.
     let whole = column.whole && step >= 1.5;
     match (whole, step) {
-        (false, 0.0005..20.0) => Some(("s", "its steps make a usual rate so")),
-        (true, 1.5..5_000.0) => Some(("ms", "whole numbers whose steps make a usual rate so")),
-        (true, 5_000.0..5e6) => Some(("us", "whole numbers whose steps make a usual rate so")),
+        (false, 0.0005..20.0) => Some(("s", "the time step then gives a common rate")),
+        (true, 1.5..5_000.0) => Some(("ms", "whole numbers; the time step then gives a common rate")),
+        (true, 5_000.0..5e6) => Some(("us", "whole numbers; the time step then gives a common rate")),
         _ => None,
     }
 }
@@ -143,7 +143,7 @@ pub fn epoch_of(topics: &[Topic]) -> String {
             return text;
         }
     }
-    "\n# Nothing in the log says when it began: if you know, say `epoch = { utc = \"2012-10-10T18:20:00Z\" }`.\n\
+    "\n# The log does not contain its start time. If you know it, set `epoch = { utc = \"2012-10-10T18:20:00Z\" }`.\n\
      epoch = { unknown = true }\n"
         .to_owned()
 }
@@ -161,7 +161,7 @@ fn of_topic(topic: &Topic) -> Option<String> {
         c.range().is_some_and(|(_, high)| (1_000_000.0..604_800_000.0).contains(&high)) && c.whole && rises(c)
     };
     let mut lines =
-        vec!["\n[epoch]   # guess: when the log began, from the time that is logged beside its own clock".to_owned()];
+        vec!["\n[epoch]   # guess: start time of the log, from the UTC time logged with the log's clock".to_owned()];
     if !topic.name.is_empty() {
         lines.push(format!("topic     = {}", quoted(&topic.name)));
     }
@@ -194,7 +194,7 @@ fn of_topic(topic: &Topic) -> Option<String> {
         })?;
         rows.push(format!("\"{}\" > 0", unix.name));
         lines.push(format!(
-            "from      = {}\nunit      = \"us\"   # so it is a date of this century",
+            "from      = {}\nunit      = \"us\"   # this unit gives a date in this century",
             quoted(&unix.name)
         ));
         lines.push("clock     = \"unix\"".to_owned());

@@ -28,7 +28,7 @@ impl Guess {
 
     fn left_out(name: &str, why: &str) -> Guess {
         let theirs = vec![name.to_owned()];
-        Guess { ours: name.to_owned(), theirs, said: String::new(), why: format!("left out: {why}"), is_vector: false }
+        Guess { ours: name.to_owned(), theirs, said: String::new(), why: format!("omitted: {why}"), is_vector: false }
     }
 }
 
@@ -55,7 +55,7 @@ pub fn guesses(topic: &Topic, letters: &mut impl Iterator<Item = char>) -> Vec<G
         }
         let Some(guess) = scalar(column, topic) else { continue };
         if guess.is_used() && out.iter().any(|g| g.ours == guess.ours) {
-            let why = format!("it would be `{}` too", guess.ours);
+            let why = format!("another column is already `{}`", guess.ours);
             out.push(Guess::left_out(&column.name, &why));
         } else {
             out.push(guess);
@@ -172,7 +172,7 @@ fn vector(
             ours: shown,
             theirs: theirs.clone(),
             said: String::new(),
-            why: format!("left out: {why}"),
+            why: format!("omitted: {why}"),
             is_vector: true,
         })
     };
@@ -187,14 +187,14 @@ fn vector(
     if has(words, &["mag", "magnetometer", "compass", "flux", "fluxgate", "field"]) {
         let fits = |unit: &&(&str, f64)| (15_000.0..100_000.0).contains(&(size * unit.1));
         let (unit, why) = match said_unit(first, "nT") {
-            Some(unit) => (unit, "its unit is said".to_owned()),
+            Some(unit) => (unit, "its unit is in the file".to_owned()),
             None => match FIELD.iter().find(fits) {
                 Some((unit, factor)) => {
-                    ((*unit).to_owned(), format!("a median magnitude of {size:.4} is {:.0} nT so", size * factor))
+                    ((*unit).to_owned(), format!("the median magnitude of {size:.4} is then {:.0} nT", size * factor))
                 }
                 None => {
                     return left(format!(
-                        "a median magnitude of {size:.4} is the earth's field in no unit; give it its `unit`"
+                        "a median magnitude of {size:.4} is not the earth's field in any unit; set its `unit`"
                     ));
                 }
             },
@@ -205,7 +205,8 @@ fn vector(
             .iter()
             .any(|c| c.words().iter().any(|w| ["ofs", "offset", "bias"].contains(&w.as_str())) && c.largest() > 0.0);
         let doubt = if offsets {
-            "; check `axes` and `rotation_deg`, and whether the offsets beside it are added: `sql` takes them off"
+            "; check `axes` and `rotation_deg`, and whether the values include the logged offsets, which `sql` can \
+             subtract"
         } else {
             "; check `axes` and `rotation_deg`"
         };
@@ -224,15 +225,13 @@ fn vector(
                 &about("specific force"),
                 format!("a median magnitude of {size:.3} {unit}"),
             ),
-            None => left(format!("a median magnitude of {size:.3} is gravity in no unit; give it its `unit`")),
+            None => left(format!("a median magnitude of {size:.3} is not gravity in any unit; set its `unit`")),
         };
     }
     if has(words, &["gyr", "gyro", "gyroscope"]) {
         return match said_unit(first, "deg/s") {
-            Some(unit) => made("gyro".to_owned(), &unit, &about("angular rate"), "its unit is said".to_owned()),
-            None => {
-                left("an angular rate in rad/s or deg/s, which its values do not tell; give it its `unit`".to_owned())
-            }
+            Some(unit) => made("gyro".to_owned(), &unit, &about("angular rate"), "its unit is in the file".to_owned()),
+            None => left("an angular rate in rad/s or deg/s; the values do not show which; set its `unit`".to_owned()),
         };
     }
     None
@@ -261,7 +260,7 @@ fn scalar(column: &Sample, topic: &Topic) -> Option<Guess> {
             ours: column.name.clone(),
             theirs,
             said,
-            why: "its name is that of the flight table".to_owned(),
+            why: "a column name of the flight table".to_owned(),
             is_vector: false,
         });
     }
@@ -270,7 +269,7 @@ fn scalar(column: &Sample, topic: &Topic) -> Option<Guess> {
     if (listed || flight::is_scalar_reading(&column.name) || flight::vector_part(&column.name).is_some())
         && let Some(unit) = said_unit(column, known.unit).filter(|unit| can_be(column, &column.name, unit))
     {
-        return made(&column.name, &unit, "its name is that of the flight table, and its unit is said");
+        return made(&column.name, &unit, "a column name of the flight table; its unit is in the file");
     }
     let (low, high) = column.range()?;
     let largest = column.largest();
@@ -284,18 +283,23 @@ fn scalar(column: &Sample, topic: &Topic) -> Option<Guess> {
         };
         let ends = if is_lat { (FRAC_PI_2, 90.0, 9e8) } else { (PI, 360.0, 3.6e9) };
         if low == high && low == 0.0 {
-            return left("it is 0 throughout");
+            return left("all values are 0");
         }
         return match said_unit(column, "deg").filter(|unit| can_be(column, ours, unit)) {
-            Some(unit) => made(ours, &unit, "its unit is said"),
-            None if largest <= ends.0 => {
-                made(ours, "rad", &format!("values up to {largest:.4} are radians, unless it is flown near 0 degrees"))
-            }
+            Some(unit) => made(ours, &unit, "its unit is in the file"),
+            None if largest <= ends.0 => made(
+                ours,
+                "rad",
+                &format!(
+                    "values up to {largest:.4} are radians, unless the flight is near 0 \
+                                            degrees"
+                ),
+            ),
             None if largest <= ends.1 => made(ours, "deg", &format!("values up to {largest:.2} are degrees")),
             None if column.whole && largest <= ends.2 => {
                 made(ours, "degE7", &format!("whole numbers up to {largest:.0} are 1e-7 degrees"))
             }
-            None => left("its values are no angle in a usual unit"),
+            None => left("its values are not an angle in a common unit"),
         };
     }
     let angle = ["roll", "pitch", "yaw"]
@@ -304,27 +308,27 @@ fn scalar(column: &Sample, topic: &Topic) -> Option<Guess> {
     if let Some(angle) = angle {
         let ours = format!("ins_{angle}");
         return match said_unit(column, "deg") {
-            Some(unit) => made(&ours, &unit, "its unit is said; an estimate of the autopilot, not truth"),
+            Some(unit) => made(&ours, &unit, "its unit is in the file; an estimate of the autopilot, not truth"),
             None if largest > 6.4 => made(
                 &ours,
                 "deg",
                 &format!("values up to {largest:.1} are degrees; an estimate of the autopilot, not truth"),
             ),
-            None => left(&format!("an angle of at most {largest:.2}, in degrees or radians; give it its `unit`")),
+            None => left(&format!("an angle of at most {largest:.2}, in degrees or radians; set its `unit`")),
         };
     }
     if has(&words, &["baro"]) && has(&words, &["alt", "altitude", "height"]) {
         return match said_unit(column, "m") {
-            Some(unit) => made("baro", &unit, "its unit is said"),
-            None => left("a barometric height in m or ft; give it its `unit`"),
+            Some(unit) => made("baro", &unit, "its unit is in the file"),
+            None => left("a barometric height in m or ft; set its `unit`"),
         };
     }
     if has(&words, &["alt", "altitude", "height"]) && !has(&words, &["rel", "max", "min", "des", "sp", "var"]) {
         let unit = said_unit(column, "m");
         return match (has(&words, &["ellipsoid", "hae", "wgs"]), has(&words, &["msl", "amsl"]), unit) {
-            (true, _, Some(unit)) => made("alt", &unit, "its unit is said"),
-            (_, true, Some(unit)) => made("msl", &unit, "its unit is said"),
-            _ => left("a height: above the ellipsoid it is `alt`, above the sea `msl`; give it its `unit`"),
+            (true, _, Some(unit)) => made("alt", &unit, "its unit is in the file"),
+            (_, true, Some(unit)) => made("msl", &unit, "its unit is in the file"),
+            _ => left("a height: name it `alt` if above the ellipsoid, `msl` if above sea level; set its `unit`"),
         };
     }
     if has(&words, &["mag", "magnetometer"]) && !has(&words, &["x", "y", "z"]) && !column.whole {
@@ -340,19 +344,15 @@ fn scalar(column: &Sample, topic: &Topic) -> Option<Guess> {
     if has(&words, &["curr", "current"]) && !has(&words, &["tot", "total", "average", "filtered"]) {
         let ours = format!("cur_{}", own_word(&words));
         return match said_unit(column, "A") {
-            Some(unit) => made(&ours, &unit, "its unit is said"),
-            None => {
-                left("a current in A, mA or 0.01 A, which its values do not tell; give it its `unit` (and `scale`)")
-            }
+            Some(unit) => made(&ours, &unit, "its unit is in the file"),
+            None => left("a current in A, mA or 0.01 A; the values do not show which; set its `unit` (and `scale`)"),
         };
     }
     if has(&words, &["volt", "voltage"]) && !has(&words, &["filtered", "cell"]) {
         let ours = format!("vol_{}", own_word(&words));
         return match said_unit(column, "V") {
-            Some(unit) => made(&ours, &unit, "its unit is said"),
-            None => {
-                left("a voltage in V, mV or 0.01 V, which its values do not tell; give it its `unit` (and `scale`)")
-            }
+            Some(unit) => made(&ours, &unit, "its unit is in the file"),
+            None => left("a voltage in V, mV or 0.01 V; the values do not show which; set its `unit` (and `scale`)"),
         };
     }
     let wind = has(&words, &["wind", "sp", "des", "var", "innov"]);
@@ -361,14 +361,11 @@ fn scalar(column: &Sample, topic: &Topic) -> Option<Guess> {
         let axis = axis.iter().find(|(_, names)| has(&words, names)).map(|(axis, _)| *axis);
         if let (Some(axis), Some(unit)) = (axis, said_unit(column, "m/s")) {
             let ours = if is_ins { format!("ins_v{axis}") } else { format!("v{axis}") };
-            return made(&ours, &unit, "its unit is said");
+            return made(&ours, &unit, "its unit is in the file");
         }
     }
     if listed && !known.unit.is_empty() {
-        return left(&format!(
-            "its name is that of the flight table, where it is in {}; give it its `unit`",
-            known.unit
-        ));
+        return left(&format!("a column name of the flight table, which has it in {}; set its `unit`", known.unit));
     }
     None
 }

@@ -57,28 +57,29 @@ pub fn suggest(path: &Path, options: &FlightOptions, formats: &[FlightFormat]) -
         match &topic.clock {
             Some(clock) if useful => tables.push((topic, clock, found)),
             Some(_) if found.is_empty() => {
-                rest.push(format!("{} ({} rows): no column that is recognised", shown(&topic.name), topic.rows));
+                rest.push(format!("{} ({} rows): no recognised column", shown(&topic.name), topic.rows));
             }
             Some(_) => {
-                rest.push(format!("{} ({} rows): only columns that are left out", shown(&topic.name), topic.rows));
+                rest.push(format!("{} ({} rows): only omitted columns", shown(&topic.name), topic.rows));
                 rest.extend(found.iter().map(|g| format!("  {}: {}", g.ours.escape_default(), g.why)));
             }
             None if useful => rest.push(format!(
-                "{} ({} rows): columns that are recognised, but no time that rises",
+                "{} ({} rows): recognised columns, but no increasing time",
                 shown(&topic.name),
                 topic.rows
             )),
-            None => rest.push(format!("{} ({} rows): no time that rises", shown(&topic.name), topic.rows)),
+            None => rest.push(format!("{} ({} rows): no increasing time", shown(&topic.name), topic.rows)),
         }
     }
     if tables.is_empty() {
-        let what = "no mapping can be suggested: no table has both a time that rises and a column that is recognised";
-        return Err(ReadError::options(path, what).help("write one: datasets/mappings/README.md says how"));
+        let what = "cannot suggest a mapping: no table has both an increasing time and a recognised column";
+        return Err(ReadError::options(path, what).help("write a mapping as described in datasets/mappings/README.md"));
     }
     let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let mut text = format!(
-        "# Suggested from {} by its names, units and first rows. Every line with a `guess` needs a look: axes, signs and the\n\
-         # mounting of sensors cannot be seen in a log.\n\n\
+        "# Suggested from {} by its names, units and first rows. Check every line with a `guess`: a log does not \
+         contain\n\
+         # the axes, signs and mounting of sensors.\n\n\
          about  = {}\nformat = {}\n",
         name.escape_default(),
         quoted(&format!("logs like {name}")),
@@ -96,7 +97,7 @@ pub fn suggest(path: &Path, options: &FlightOptions, formats: &[FlightFormat]) -
         taken.push(name);
     }
     if !rest.is_empty() {
-        text += "\n# Left out:\n";
+        text += "\n# Omitted:\n";
         rest.iter().for_each(|line| text += &format!("# - {line}\n"));
     }
     Ok(text)
@@ -110,8 +111,8 @@ fn shown(name: &str) -> String {
 fn keys(tables: &[(&Topic, &Clock, Vec<Guess>)]) -> String {
     let mut text = String::new();
     for (key, usual) in [
-        ("flight", "{ of_file = true }   # guess: one flight in a file, of its name"),
-        ("line", "\"1\"                  # guess: one line in a file"),
+        ("flight", "{ of_file = true }   # guess: one flight per file, named like the file"),
+        ("line", "\"1\"                  # guess: one line per file"),
     ] {
         let own = tables.iter().all(|(topic, ..)| topic.column(key).is_some());
         text += &if own { format!("{key:6} = {{ from = \"{key}\" }}\n") } else { format!("{key:6} = {usual}\n") };
@@ -126,7 +127,7 @@ fn table(name: &str, topic: &Topic, clock: &Clock, found: &[Guess]) -> String {
     }
     text += &format!("time  = {}   # {}\n", clock.said, clock.why);
     if clock.repeats {
-        text += "drop_repeated = true   # some rows repeat the time of the row before\n";
+        text += "drop_repeated = true   # some rows have the time of the previous row\n";
     }
     for (section, vectors) in [("columns", false), ("vectors", true)] {
         let of: Vec<&Guess> = found.iter().filter(|g| g.is_used() && g.is_vector == vectors).collect();
@@ -144,7 +145,7 @@ fn table(name: &str, topic: &Topic, clock: &Clock, found: &[Guess]) -> String {
     for q in &quaternions {
         let from = q.iter().map(|n| quoted(n)).collect::<Vec<_>>().join(", ");
         let list = format!("# quaternions = [{{ from = [{from}], order = \"wxyz\", frames = \"frd_to_ned\" }}]");
-        text += &format!("{list}   # a quaternion, if this is its order and these are its frames\n");
+        text += &format!("{list}   # a quaternion; check its order and frames\n");
     }
     let named = |c: &&Sample| {
         let quoted_name = quoted(&c.name);

@@ -15,7 +15,7 @@ fn unit_one_host_at_a_time_has_a_pipeline() {
     let Lock::Held(held) = two.lock("p").unwrap() else { unreachable!("it is held") };
     // The two have different caches, so that the lock of the operating system says nothing.
     assert_eq!(held.holder.as_ref().unwrap().pid, std::process::id());
-    assert!(held.told("p", there.path()).contains("at work in s3://bucket/lab/store: process"));
+    assert!(held.told("p", there.path()).contains("holds the lock in s3://bucket/lab/store: process"));
     mine(two.lock("q").unwrap());
     drop(first);
     let second = mine(two.lock("p").unwrap());
@@ -24,7 +24,7 @@ fn unit_one_host_at_a_time_has_a_pipeline() {
     let lease = "locks/p.lease-3";
     lab.bucket.put(lease, b"{}".to_vec()).unwrap();
     let fault = second.check().unwrap_err().to_string();
-    assert!(fault.contains("taken over by another process"), "{fault}");
+    assert!(fault.contains("now held by another process"), "{fault}");
     drop(second);
     assert!(matches!(one.lock("p").unwrap(), Lock::Held(_)), "a lease that says nothing counts until it is old");
 }
