@@ -60,3 +60,4 @@ mod text_fields;
 mod trust;
 mod versions;
 mod warnings;
+mod words;

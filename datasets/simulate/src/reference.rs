@@ -97,7 +97,7 @@ mod tests {
     #[test]
     fn unit_every_table_of_the_page_is_filled_in_and_no_key_is_silent() {
         let page = reference();
-        assert!(!page.contains("{{") && !page.contains("left out:  |"), "{page}");
+        assert!(!page.contains("{{") && !page.contains("unset:  |"), "{page}");
         assert!(page.contains("| `init_position_sigma_m` | number | m | `3.0` |"), "{page}");
         assert!(page.contains("| `drift.tau_s` | number | s | `600.0` |"), "{page}");
     }

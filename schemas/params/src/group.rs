@@ -33,7 +33,7 @@ impl ParamDoc {
     pub fn row(&self, within: &str) -> String {
         let default = match (self.default.as_deref(), self.absent) {
             (Some(default), _) => format!("`{default}`"),
-            (None, Some(text)) => format!("left out: {text}"),
+            (None, Some(text)) => format!("unset: {text}"),
             (None, None) => "must be given".to_owned(),
         };
         let ParamDoc { name, type_name, unit, rule, .. } = self;

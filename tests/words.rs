@@ -1,0 +1,98 @@
+//! Wording of pages, messages and comments: phrases that readers have to read twice.
+//!
+//! The list is a floor, not the proof of a good text.
+
+use std::process::Command;
+
+use crate::support::repository;
+
+/// Rejected phrases. A phrase with a blank at its end or begin is a word.
+const PHRASES: [&str; 20] = [
+    "so many ",
+    "is told",
+    "are told",
+    "told by",
+    "what stands",
+    "stands for",
+    "goes on",
+    "went with",
+    "comes to nothing",
+    "is at work",
+    "without a word",
+    "whatever",
+    "no more than that",
+    "cannot be had",
+    "the former",
+    "left out: ",
+    "its law is",
+    "rests on",
+    "taken for ",
+    "taken over",
+];
+
+/// Lines that may have a phrase: a part of the path, a part of the line, and the reason.
+const ALLOWED: [(&str, &str, &str); 2] = [
+    ("tests/words.rs", "", "the list"),
+    ("datasets/samples/", "", "licences and notices are quoted"),
+];
+
+/// Words that no doc comment begins with.
+const BEGINNINGS: [&str; 7] = ["What ", "Of ", "As ", "Whose ", "How often ", "So ", "So, "];
+/// Largest number of doc comments with such a beginning, in a thousand lines of comments.
+const MOST_BEGINNINGS: f64 = 3.0;
+
+/// Files of the repository with one of these endings, and their texts.
+fn files(endings: &[&str]) -> Vec<(String, String)> {
+    let output = Command::new("git").args(["ls-files", "-z"]).current_dir(repository()).output().unwrap();
+    let names = String::from_utf8(output.stdout).unwrap();
+    let wanted = names.split('\0').filter(|name| endings.iter().any(|ending| name.ends_with(ending)));
+    let read = |name: &str| Some((name.to_owned(), std::fs::read_to_string(repository().join(name)).ok()?));
+    wanted.filter_map(read).collect()
+}
+
+/// The text that readers see: a page's line, a comment, or the string literals of a line of code.
+fn seen(path: &str, line: &str) -> String {
+    if !path.ends_with(".rs") {
+        return line.to_owned();
+    }
+    match line.trim_start().strip_prefix("//") {
+        Some(comment) => comment.to_owned(),
+        None => line.split('"').skip(1).step_by(2).collect::<Vec<_>>().join("\n"),
+    }
+}
+
+#[test]
+fn user_pages_and_messages_avoid_phrases_that_are_read_twice() {
+    let mut found = vec![];
+    for (path, text) in files(&[".md", ".rs"]) {
+        for (at, line) in text.lines().enumerate() {
+            let seen = seen(&path, line).to_lowercase();
+            let phrase = PHRASES.iter().find(|phrase| seen.contains(*phrase));
+            let allowed = ALLOWED.iter().any(|(file, part, _)| path.contains(file) && line.contains(part));
+            if let Some(phrase) = phrase.filter(|_| !allowed) {
+                found.push(format!("{path}:{}: {phrase}: {}", at + 1, line.trim()));
+            }
+        }
+    }
+    assert!(found.is_empty(), "{} lines:\n{}", found.len(), found.join("\n"));
+}
+
+#[test]
+fn user_doc_comments_begin_with_a_noun_or_a_verb() {
+    let (mut comments, mut found) = (0, vec![]);
+    for (path, text) in files(&[".rs"]) {
+        let mut before = false;
+        for (at, line) in text.lines().enumerate() {
+            let line = line.trim_start();
+            comments += usize::from(line.starts_with("//"));
+            let doc = ["/// ", "//! "].into_iter().find_map(|mark| line.strip_prefix(mark));
+            let begins = doc.filter(|_| !before).is_some_and(|doc| BEGINNINGS.iter().any(|word| doc.starts_with(word)));
+            if begins {
+                found.push(format!("{path}:{}: {line}", at + 1));
+            }
+            before = doc.is_some();
+        }
+    }
+    let rate = 1000.0 * found.len() as f64 / comments as f64;
+    assert!(rate < MOST_BEGINNINGS, "{rate:.1} in a thousand lines of comments:\n{}", found.join("\n"));
+}
