@@ -59,3 +59,4 @@ mod tasks;
 mod trust;
 mod versions;
 mod warnings;
+mod whole_numbers;
