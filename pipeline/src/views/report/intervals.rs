@@ -94,7 +94,7 @@ fn section(name: &str, axes: &[&str], metrics: &[Row]) -> Markup {
     html! {
         section id=(format!("summary-{name}")) {
             h2 { "Summary" @if name != "summary" { ": " (name) } }
-            p.lead { "Each dot is a score pooled over the lines, the bar through it its bootstrap interval over whole lines; a value of a single line has none."
+            p.lead { "Each dot is a score pooled over the held-out lines, or over those in sample where there are no others; the bar through it its bootstrap interval over whole lines; a value of a single line has none."
                 @if !axes.is_empty() { " Rows are the points of " (axes.join(", ")) "." }
                 @if longest > MOST { " The first " (MOST) " of " (longest) " points are drawn; " code { "magline sql" } " shows them all." } }
             div.heat { @for row in metrics { (row.drawn()) } }
