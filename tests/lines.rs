@@ -2,6 +2,7 @@
 
 use std::{collections::BTreeMap, fs, path::Path};
 
+use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
 use tempfile::TempDir;
 
 use crate::{
@@ -216,4 +217,26 @@ fn user_the_report_shows_the_quality_of_the_data() {
     assert!(place("mag_1_uc") < place("cur_1") && section.find("not flagged").unwrap() < place("cur_1"));
     // The figures are kept: without the log's being read again.
     assert_eq!(first, page());
+}
+
+#[test]
+fn bug_a_file_of_more_lines_than_parquet_numbers_row_groups_was_not_ingested() {
+    let folder = TempDir::new().unwrap();
+    let lines = 33_000;
+    let text: String = (0..lines).map(|i| format!("1,{i},{i},50000\n")).collect();
+    fs::write(folder.path().join("m.csv"), format!("flight,line,tt,mag_1_c\n{text}")).unwrap();
+    let output = magline(folder.path(), &["ingest", "m.csv", "--to", "o"]);
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    let back = file(&folder.path().join("o/m.parquet"));
+    let (names, tt) = (texts(&back, "line"), numbers(&back, "tt"));
+    assert_eq!(names.len(), lines);
+    assert!(names.iter().zip(&tt).all(|(name, tt)| *name == tt.to_string()));
+    // Lines of 256 rows or more have a row group each.
+    let long: String = (0..3).flat_map(|i| (0..300).map(move |k| format!("1,{i},{k},50000\n"))).collect();
+    fs::write(folder.path().join("long.csv"), format!("flight,line,tt,mag_1_c\n{long}")).unwrap();
+    let output = magline(folder.path(), &["ingest", "long.csv", "--to", "o"]);
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    let whole = fs::File::open(folder.path().join("o/long.parquet")).unwrap();
+    let metadata = ParquetRecordBatchReaderBuilder::try_new(whole).unwrap().metadata().clone();
+    assert_eq!(metadata.row_groups().iter().map(|g| g.num_rows()).collect::<Vec<_>>(), [300; 3]);
 }

@@ -60,4 +60,5 @@ mod text_fields;
 mod trust;
 mod versions;
 mod warnings;
+mod whole_numbers;
 mod words;

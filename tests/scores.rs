@@ -223,7 +223,7 @@ fn user_lines_are_in_sample_through_other_tables() {
     assert_eq!(in_sample(&bench, "scores_again"), lines([true, false, true, true]));
 }
 
-/// The scores of all lines together, and those of two held-out lines.
+/// The scores of all lines, those of two held-out lines, and those of the two lines of the model.
 const SUMMARIES: &str = r#"
 [[stages]]
 name  = "together"
@@ -235,21 +235,41 @@ name  = "held_out"
 stage = "summary"
 input = "scores"
 where = "line like '%.02'"
+
+[[stages]]
+name  = "fitted"
+stage = "summary"
+input = "scores"
+where = "line like '%.01'"
 "#;
 
 #[test]
-fn user_a_summary_of_lines_in_sample_is_marked() {
+fn user_a_summary_pools_held_out_lines_alone_and_marks_one_of_lines_in_sample() {
     let (bench, _, err) = ran(&(spec(&[("[0.025, 0.25, 25.0]", "[0.025]")]) + SUMMARIES));
     let table = |name: &str| read(&bench.path("store/tables/small").join(name));
-    let (together, held_out) = (flags(&table("together"), "in_sample"), flags(&table("held_out"), "in_sample"));
-    assert!(!together.is_empty() && together.iter().all(|seen| *seen));
-    assert!(!held_out.is_empty() && held_out.iter().all(|seen| !seen));
-    assert!(err.contains("`together` pools 2 lines in sample with 2 others"), "{err}");
-    assert!(!err.contains("`held_out` pools"), "{err}");
-    // A changed `where` of the model moves the mark.
+    let marks = |name: &str| flags(&table(name), "in_sample");
+    let figures = |name: &str, column: &str| -> BTreeMap<String, f64> {
+        texts(&table(name), "metric").into_iter().zip(numbers(&table(name), column)).collect()
+    };
+    let of = |name: &str, metric: &str, column: &str| figures(name, column)[metric];
+    for column in ["value", "low", "high", "lines", "n"] {
+        let both = ["together", "held_out"].map(|name| format!("{:?}", figures(name, column)));
+        assert_eq!(both[0], both[1], "{column}");
+    }
+    assert!(!marks("together").is_empty() && marks("together").iter().all(|seen| !seen));
+    assert!(!marks("held_out").is_empty() && marks("held_out").iter().all(|seen| !seen));
+    assert!(!marks("fitted").is_empty() && marks("fitted").iter().all(|seen| *seen));
+    assert!(!err.contains("lines in sample with"), "{err}");
+    // One figure: the summary and the pooled scores.
+    for (metric, value) in metrics(&bench, "scores_pooled").into_iter().filter(|(_, value)| value.is_finite()) {
+        assert!((of("together", &metric, "value") / value - 1.0).abs() < 1e-12, "{metric}");
+    }
+    // A changed `where` of the model moves the lines that are pooled, and the mark.
     bench.spec(&(spec(&[("[0.025, 0.25, 25.0]", "[0.025]"), ("'%.01'", "'1.02'")]) + SUMMARIES));
     assert_eq!(bench.run(&[]).code, 0);
-    assert!(flags(&table("held_out"), "in_sample").iter().all(|seen| *seen));
+    let lines = ["together", "held_out", "fitted"].map(|name| of(name, "std_error", "lines"));
+    assert_eq!(lines, [3.0, 1.0, 2.0]);
+    assert!(["together", "held_out", "fitted"].iter().all(|name| marks(name).iter().all(|seen| !seen)));
 }
 
 #[test]

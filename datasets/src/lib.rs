@@ -11,6 +11,7 @@ mod grid;
 pub mod mappings;
 pub mod motion;
 mod row_fault;
+pub mod row_groups;
 pub mod samples;
 pub mod table;
 

@@ -11,6 +11,7 @@ use schemas::{Arrays, Column, ColumnType, Fault, LineIn, LineStage, Rule, Shape,
 use crate::{
     columns::{array, data, floats, is_key, list, matrix, shape},
     dates::{date_columns, offset_s},
+    whole_numbers::between_samples,
 };
 
 stage! {
@@ -19,12 +20,12 @@ stage! {
     /// `exact` takes the row of the same time, within a microsecond, and a row without one is an error: for tables on one
     /// grid, such as two that came from the same `resample`. `nearest` takes the nearest row within `tolerance_s`, the
     /// earlier of two. `linear` interpolates between the rows around it, angles (unit deg) along the shorter arc, where
-    /// they are not more than `tolerance_s` apart; what is no number takes the nearest of them. Where there is no such
-    /// row the value is missing (NaN or null). Where both tables have a date, their times count from the same midnight.
+    /// they are not more than `tolerance_s` apart; text, integers and booleans take the nearest of them, and whole numbers
+    /// without a unit stay whole, as in `resample`. Where there is no such row the value is missing (NaN or null). Where both tables have a date, their times count from the same midnight.
     ///
     /// A line that `with` does not have is left out, and so is named neither here nor in what follows. A column that
     /// `input` has too is an error, unless `suffix` gives it another name. Repeated or backward time is an error.
-    Join = "join", version 2, grain Line, inputs [input: Lines, with: Lines],
+    Join = "join", version 3, grain Line, inputs [input: Lines, with: Lines],
     example r#"
 [[stages]]
 name    = "join"
@@ -211,10 +212,9 @@ fn taken(with: &RecordBatch, column: &Column, rows: &[Option<u64>]) -> Result<Ar
 fn interpolated(with: &RecordBatch, column: &Column, plan: &Plan) -> Result<ArrayRef, Fault> {
     let name = column.name.as_str();
     match &column.column_type {
-        ColumnType::Float if column.unit == "deg" => {
-            plan.angle_deg(floats(with, name)?, Method::Linear).map(array).map_err(data)
+        ColumnType::Float => {
+            between_samples(plan, column, floats(with, name)?, Method::Linear).map(array).map_err(data)
         }
-        ColumnType::Float => plan.column(floats(with, name)?, Method::Linear).map(array).map_err(data),
         ColumnType::List(_) | ColumnType::Text | ColumnType::Other(_) => {
             let rows: Vec<Option<u64>> = plan.nearest_rows().into_iter().map(|row| row.map(|row| row as u64)).collect();
             taken(with, column, &rows)

@@ -48,6 +48,7 @@ mod target;
 mod testing;
 mod track_map;
 pub mod trained;
+mod whole_numbers;
 
 use schemas::Entry;
 

@@ -47,6 +47,14 @@ use crate::columns::{faults_of, floats, shape};
 pub const NOTE: &str = "note";
 /// Column with the quantiles of the samples, from which lines are pooled.
 pub const SPREAD: &str = "spread";
+/// The column of a published table of scores that holds whether the line is in sample.
+pub const IN_SAMPLE: &str = "in_sample";
+
+/// Whether a pooled score is that of lines in sample: it is where no held-out line has a value. `held_out` and `in_sample`
+/// are the numbers of lines with a value.
+pub fn is_pooled_in_sample(held_out: usize, in_sample: usize) -> bool {
+    held_out == 0 && in_sample > 0
+}
 
 stage! {
     /// Scores each line: a compensated signal against the truth, and a track against the true positions.

@@ -3,40 +3,42 @@
 use std::sync::Arc;
 
 use arrow_array::{
-    ArrayRef, Int64Array, StringArray,
+    Array, ArrayRef, BooleanArray, Int64Array, StringArray,
     cast::AsArray,
     types::{Float64Type, Int64Type},
 };
+use arrow_schema::DataType;
 use numerics::regression::bootstrap::{Interval, Resamples};
 use schemas::{
-    Column, Entry, Fault, Gather, LineIn, Lists, Passes, Product, Role, Rule, Several, Stage, SurveyPoint, SurveyStage,
-    Table, Work, Yield,
+    Column, ColumnType, Entry, Fault, Gather, LineIn, Lists, Passes, Product, Role, Rule, Several, Stage, SurveyPoint,
+    SurveyStage, Table, Work, Yield,
     metric::{Better, Metric, Pool, Shown, Weighed},
     stage,
 };
 
 use crate::{
     columns::{array, shape},
-    score::{self, Scorer},
+    score::{self, IN_SAMPLE, Scorer, is_pooled_in_sample},
 };
 
 stage! {
-    /// Pools the scores of all lines, each figure with a confidence interval.
+    /// Pools the scores of lines, each figure with a confidence interval.
     ///
     /// Errors in nT and m are pooled as root mean squares, ratios and biases as means, both weighted by samples; `cep` and
     /// `r95` are the radii of all samples together; numbers of samples are added. The interval is that of percentiles over `draws` resamples of whole lines with replacement: the
     /// samples of a line err together, so they are no independent evidence. One line alone has no interval (null).
     ///
-    /// Lines in sample are pooled with the others: where there is one, `in_sample` of the published table is true and the run
-    /// notes it. A `where` on `line` selects the lines to pool; `scores_pooled` pools both apart.
+    /// Each metric is pooled over the held-out lines. Where no held-out line has a value, it is pooled over the lines in
+    /// sample, and `in_sample` is true. A line is in sample if a model, noise or map behind its scores was made from it, or a
+    /// search chose by it. `scores_pooled` also pools the lines in sample, where there are others.
     ///
     /// With `train`, the lines that the model was fitted on, there is one more metric: `overfitting_ratio`, the pooled
-    /// `std_error` (without it, the rms of `map_std_error`) of all other lines over that of these; 1 for a model that is
+    /// `std_error` (without it, the rms of `map_std_error`) of all other lines, in sample or not, over that of these; 1 for a model that is
     /// as good on new lines as on its own, more for one that overfits. In its resamples training lines and
     /// other lines are drawn each among themselves.
     ///
     /// Source: thesis 004, (2.42) and section 4.1; Efron & Tibshirani 1993, chapter 13.
-    Summary = "summary", version 3, grain Survey, inputs [input: Scores],
+    Summary = "summary", version 4, grain Survey, inputs [input: Scores],
     example r#"
 [[stages]]
 name  = "summary"
@@ -61,6 +63,8 @@ pub fn entry(scorers: Vec<&'static Scorer>) -> Entry {
 }
 
 const READS: [&str; 4] = ["metric", "value", "n", score::SPREAD];
+/// The meaning of the column [`IN_SAMPLE`].
+const SEEN: &str = "whether lines in sample are behind it: a model, noise or map saw them, or a search chose by them";
 /// Errors whose ratio between new and training lines is the overfitting ratio, the first that there is.
 const OVERFITTING: [&Metric; 2] = [&score::STD_ERROR.metric, &score::MAP_STD_ERROR.metric];
 /// What is scored over all lines only.
@@ -89,8 +93,13 @@ impl Stage for Summary {
             made(Column::text("unit", "the unit of the value")),
             made(Column::integer("lines", "", "lines behind it")),
             made(Column::integer("n", "", "samples or pairs behind it")),
+            made(Column {
+                column_type: ColumnType::Other(DataType::Boolean),
+                ..Column::float(IN_SAMPLE, "", SEEN).role(Role::Key)
+            }),
         ];
         let mut yields = Yield::append(columns, &READS);
+        yields.reads.iter_mut().for_each(|reads| reads.push(IN_SAMPLE.to_owned()));
         yields.passes = Passes::None;
         Ok(yields)
     }
@@ -111,13 +120,15 @@ struct Score {
     value: f64,
     n: i64,
     spread: Vec<f64>,
+    in_sample: bool,
 }
 
 impl Score {
+    /// A score of a held-out line.
     fn new(known: &[&'static Scorer], metric: &str, value: f64, n: i64, spread: Vec<f64>) -> Result<Self, Fault> {
         let declared = known.iter().map(|scorer| &scorer.metric).find(|m| m.name == metric);
         let undeclared = || Fault::data(format!("`{metric}` is not a metric of `score`")).in_column("metric");
-        Ok(Self { metric: declared.ok_or_else(undeclared)?, value, n, spread })
+        Ok(Self { metric: declared.ok_or_else(undeclared)?, value, n, spread, in_sample: false })
     }
 
     /// Its value and its weight.
@@ -151,10 +162,13 @@ impl Gather for SummaryGather {
         // All points choose from one list.
         let known = self.points.first().map(|point| point.metrics.all()).unwrap_or_default();
         let spreads = batch.column_by_name(score::SPREAD).and_then(|a| a.as_list_opt::<i32>());
-        let spread = |i: usize| score::spread_at(spreads, i);
+        let seen = batch.column_by_name(IN_SAMPLE).and_then(|a| a.as_boolean_opt());
+        let in_sample = |i: usize| seen.is_some_and(|a| a.is_valid(i) && a.value(i));
         let scores = metric.iter().zip(value.iter().zip(n.iter())).enumerate();
-        let scores =
-            scores.filter_map(|(i, (metric, (value, n)))| Some(Score::new(known, metric?, value?, n?, spread(i))));
+        let scores = scores.filter_map(|(i, (metric, (value, n)))| {
+            let score = Score::new(known, metric?, value?, n?, score::spread_at(spreads, i));
+            Some(score.map(|score| Score { in_sample: in_sample(i), ..score }))
+        });
         Ok(Part { line: line.line.clone(), scores: scores.collect::<Result<_, _>>()? })
     }
 
@@ -171,6 +185,7 @@ struct Pooled {
     interval: Option<Interval>,
     lines: usize,
     n: i64,
+    in_sample: bool,
 }
 
 impl Summary {
@@ -200,6 +215,7 @@ impl Summary {
             text(|r| r.metric.unit),
             Arc::new(rows.iter().map(|r| Some(r.lines as i64)).collect::<Int64Array>()),
             Arc::new(rows.iter().map(|r| Some(r.n)).collect::<Int64Array>()),
+            Arc::new(rows.iter().map(|r| Some(r.in_sample)).collect::<BooleanArray>()),
         ])
     }
 
@@ -216,7 +232,10 @@ impl Summary {
     }
 
     fn pooled(&self, metric: &'static Metric, parts: &[&Part]) -> Pooled {
-        let scores = scores_of(metric, parts);
+        let mut scores = scores_of(metric, parts);
+        let seen = scores.iter().filter(|s| s.in_sample).count();
+        let in_sample = is_pooled_in_sample(scores.len() - seen, seen);
+        scores.retain(|s| s.in_sample == in_sample);
         let draws = Resamples::new(scores.len(), self.draws, self.seed as u64);
         let drawn = draws.values(|chosen| metric.pool.value(chosen.map(|i| scores[i].weighed())));
         Pooled {
@@ -225,6 +244,7 @@ impl Summary {
             interval: of_several(scores.len(), drawn, self.level),
             lines: scores.len(),
             n: scores.iter().map(|s| s.n).sum(),
+            in_sample,
         }
     }
 
@@ -247,6 +267,7 @@ impl Summary {
             interval: of_several(test.len(), ratios, self.level),
             lines: train.len() + test.len(),
             n: train.iter().chain(&test).map(|s| s.n).sum(),
+            in_sample: test.iter().any(|s| s.in_sample),
         })
     }
 }
@@ -310,6 +331,24 @@ mod tests {
         let table = summary(&[]).table(&parts.iter().collect::<Vec<_>>()).unwrap();
         assert_eq!(column(&table, 1)[0], 3.0);
         assert!(column(&table, 2)[0].is_nan() && column(&table, 3)[0].is_nan());
+    }
+
+    #[test]
+    fn law_lines_in_sample_are_pooled_only_where_there_are_no_others() {
+        let seen = |part: Part| {
+            let scores = part.scores.into_iter().map(|score| Score { in_sample: true, ..score }).collect();
+            Part { scores, ..part }
+        };
+        let (mut held_out, others) = (part("1", 3.0, 100), [seen(part("2", 4.0, 300)), seen(part("3", 1.0, 100))]);
+        // Without a value in the held-out line, `nees` is that of the others.
+        held_out.scores[1].value = f64::NAN;
+        let parts: Vec<&Part> = std::iter::once(&held_out).chain(&others).collect();
+        let table = summary(&[]).table(&parts).unwrap();
+        assert_eq!(column(&table, 1), [3.0, 2.0, 10.0]);
+        let lines = table[5].as_primitive::<Int64Type>().values();
+        assert_eq!(lines, &[1, 2, 1]);
+        let marks: Vec<bool> = table[7].as_boolean().iter().flatten().collect();
+        assert_eq!(marks, [false, true, false]);
     }
 
     #[test]

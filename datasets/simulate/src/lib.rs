@@ -18,7 +18,7 @@ use std::{
 };
 
 use arrow_schema::{DataType, Schema, SchemaRef};
-use datasets::{ReadError, table::Table};
+use datasets::{ReadError, row_groups::ends_with_line, table::Table};
 use parquet::{
     arrow::ArrowWriter,
     basic::{Compression, ZstdLevel},
@@ -155,7 +155,7 @@ impl World {
 }
 
 /// Simulates a spec into flight tables: in the folder `to` one Parquet file per flight, one row group per
-/// line. Flights and lines are simulated in parallel, on the threads of the current pool; each file
+/// line (short lines share one). Flights and lines are simulated in parallel, on the threads of the current pool; each file
 /// is written under a temporary name and all are renamed when the last is complete. Returns the files.
 ///
 /// # Errors
@@ -232,7 +232,9 @@ fn write(
     let mut writer = ArrowWriter::try_new(file, schema.clone(), Some(properties(schema))).map_err(failed)?;
     for line in lines {
         writer.write(&line?.into_batch(spec)?).map_err(failed)?;
-        writer.flush().map_err(failed)?;
+        if ends_with_line(writer.in_progress_rows(), writer.flushed_row_groups().len()) {
+            writer.flush().map_err(failed)?;
+        }
     }
     let file = writer.into_inner().map_err(failed)?;
     file.sync_all().map_err(|e| ReadError::io(to, &e))

@@ -3,6 +3,7 @@
 use std::{
     collections::{BTreeMap, BTreeSet, HashMap},
     path::PathBuf,
+    sync::OnceLock,
 };
 
 use arrow_array::RecordBatch;
@@ -13,6 +14,7 @@ use super::{
     keys::{Name, Names, NodeKeys, columns_of},
     lines::{LineId, LineSets},
     memo::Memo,
+    seen::Seen,
 };
 use crate::{
     keys::Key,
@@ -45,6 +47,8 @@ pub struct Graph<'a> {
     pub(super) nodes: Vec<NodeKeys>,
     /// The keys that are known.
     pub(super) memo: Memo,
+    /// The lines in sample of each table of scores, when they are first asked for.
+    pub(super) seen: Vec<OnceLock<Result<Seen, Fault>>>,
 }
 
 /// One thing to compute: an instance of a table, on one line or on all of them.
@@ -142,6 +146,7 @@ impl<'a> Graph<'a> {
             sources,
             nodes,
             memo: Memo::new(numbers),
+            seen: plan.tables.iter().map(|_| OnceLock::new()).collect(),
         })
     }
 

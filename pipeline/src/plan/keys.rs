@@ -10,6 +10,7 @@ use super::{
     grid::{Grid, Onto},
     lines::{LineId, LineSets},
     node::{TableNode, Target, Variant},
+    seen::IN_SAMPLE,
 };
 use crate::{keys::Key, sources::LineRecord};
 
@@ -195,8 +196,12 @@ impl Graph<'_> {
             let (flight, name) = &self.lines[*line];
             word(&mut text, flight);
             word(&mut text, name);
-            for ((_, r), reads) in inputs.iter().zip(&keys.reads).filter(|((kind, _), _)| kind.is_by_line()) {
+            for ((kind, r), reads) in inputs.iter().zip(&keys.reads).filter(|((kind, _), _)| kind.is_by_line()) {
                 for column in reads {
+                    if let Some(seen) = self.read_in_sample((*kind, *r), *line, *column)? {
+                        word(&mut text, if seen { "in sample" } else { "held out" });
+                        continue;
+                    }
                     // A fit skips a line that lacks a column; a line stage cannot.
                     let name = &self.names.words[*column as usize];
                     self.part(&mut text, name, self.column_of(*r, *line, *column), lenient)?;
@@ -209,6 +214,12 @@ impl Graph<'_> {
             text.extend(key.as_ref());
         }
         Ok(Key::of_bytes(&text))
+    }
+
+    /// Whether a line is in sample of the scores that are read, where the column that is read says so.
+    fn read_in_sample(&self, (kind, r): (InputKind, Ref), line: LineId, column: Name) -> Result<Option<bool>, Fault> {
+        let asked = kind == InputKind::Scores && self.names.words[column as usize] == IN_SAMPLE;
+        if asked { self.in_sample(r, line) } else { Ok(None) }
     }
 
     /// One column among what something is made from.

@@ -6,11 +6,9 @@ use std::{
 };
 
 use schemas::{Fault, Grain, InputKind, TableKind};
+pub use stages::score::IN_SAMPLE;
 
 use super::{Graph, LineId, Ref, TableNode, Unit};
-
-/// The column of a published table of scores that holds whether the line was seen.
-pub const IN_SAMPLE: &str = "in_sample";
 
 impl TableNode {
     /// The meaning of the column [`IN_SAMPLE`] of its published table, which tables of scores of lines and those that pool
@@ -26,6 +24,23 @@ impl TableNode {
             Grain::Line | Grain::Survey | Grain::Map => return None,
         };
         self.variants.iter().all(|v| v.makes(IN_SAMPLE).is_none()).then_some(meaning)
+    }
+}
+
+impl Graph<'_> {
+    /// Whether `line` is in sample of the scores `r`, for a stage that reads their column [`IN_SAMPLE`]; `None` for a table
+    /// without that column, or with its own.
+    ///
+    /// # Errors
+    /// Fails when the goal of the search selects no line.
+    pub fn in_sample(&self, r: Ref, line: LineId) -> Result<Option<bool>, Fault> {
+        let Ref::Stage(t, i) = r else { return Ok(None) };
+        if self.plan.tables[t].in_sample_meaning().is_none() {
+            return Ok(None);
+        }
+        let seen = self.seen.get(t).ok_or_else(|| Fault::bug("a table that the plan does not have"))?;
+        let seen = seen.get_or_init(|| Seen::new(self, t)).as_ref().map_err(Clone::clone)?;
+        Ok(Some(seen.has(i, line)))
     }
 }
 

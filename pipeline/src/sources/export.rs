@@ -1,4 +1,5 @@
-//! A log as flight Parquet: its lines in the columns of the flight table, one row group each, and figures of their quality.
+//! A log as flight Parquet: its lines in the columns of the flight table, in row groups that end with a line, and figures of
+//! their quality.
 //!
 //! A file gets its name when it is whole and on the disk, and never takes the place of another one's data: its metadata hold
 //! the key of what it was made from.
@@ -13,7 +14,7 @@ use std::{
 use arrow_array::{RecordBatch, cast::AsArray, types::Float64Type};
 use arrow_schema::{DataType, Field, SchemaRef};
 use arrow_select::concat::concat_batches;
-use datasets::{FlightOptions, Reading, formats::SayMadeFrom};
+use datasets::{FlightOptions, Reading, formats::SayMadeFrom, row_groups::ends_with_line};
 use parquet::{
     arrow::ArrowWriter,
     basic::{Compression, ZstdLevel},
@@ -259,7 +260,7 @@ impl Export<'_> {
         Ok(self.folder.join(format!("flight={flight}")).join(name))
     }
 
-    /// Writes a line as a row group of its file.
+    /// Writes a line into its file: as a row group, or with other short lines in one.
     fn write(
         &self,
         flight: &str,
@@ -279,8 +280,12 @@ impl Export<'_> {
             open.insert(own.to_owned(), Open { writer, path, target: self.target(flight)? });
         }
         let Some(file) = open.get_mut(own) else { return Err(Fault::bug("a file is not open")) };
-        let written = file.writer.write(&batch).and_then(|()| file.writer.flush());
-        written.map_err(|e| cannot_write(&file.target, &e))
+        let failed = |e: parquet::errors::ParquetError| cannot_write(&file.target, &e);
+        file.writer.write(&batch).map_err(failed)?;
+        if ends_with_line(file.writer.in_progress_rows(), file.writer.flushed_row_groups().len()) {
+            file.writer.flush().map_err(failed)?;
+        }
+        Ok(())
     }
 
     /// Gives the files their names; also says whether all were there already.

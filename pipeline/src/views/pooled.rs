@@ -13,7 +13,7 @@ use schemas::{
     Fault, Grain, Literal,
     metric::{Metric, Weighed},
 };
-use stages::score::{SPREAD, spread_at};
+use stages::score::{SPREAD, is_pooled_in_sample, spread_at};
 
 use super::scores::Values;
 use crate::{
@@ -54,7 +54,7 @@ pub struct Share {
 impl Pooled {
     /// Whether only lines that are in sample have a value.
     pub fn is_in_sample(&self) -> bool {
-        self.held_out.lines == 0 && self.in_sample.lines > 0
+        is_pooled_in_sample(self.held_out.lines, self.in_sample.lines)
     }
 
     /// The lines that count: those that are not in sample, or all where there are no others.

@@ -1,0 +1,43 @@
+//! Row groups of Parquet files of flight lines: each ends with a line.
+//!
+//! Parquet numbers row groups with 16 bits, so a file has at most 32,767 of them.
+
+/// Lines of at least this number of rows have a row group each; shorter ones share one.
+const LEAST_ROWS: usize = 256;
+/// The number of row groups from which [`LEAST_ROWS_OF_MANY`] applies.
+const MANY_GROUPS: usize = 16_384;
+/// The least number of rows of the further row groups of a file of many.
+const LEAST_ROWS_OF_MANY: usize = 131_072;
+
+/// Whether a row group ends with the line that was written last. `rows` are those of the unfinished row group, `groups` is
+/// the number of finished ones.
+///
+/// A line of 256 rows or more has a row group of its own, so that reading it decodes no other line. In a file of more than
+/// 16,384 row groups the further ones have 131,072 rows or more: 2e9 rows fit.
+pub fn ends_with_line(rows: usize, groups: usize) -> bool {
+    rows >= if groups < MANY_GROUPS { LEAST_ROWS } else { LEAST_ROWS_OF_MANY }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The number of row groups of a file of `lines` lines of `rows` rows each.
+    fn groups(lines: usize, rows: usize) -> usize {
+        let (mut groups, mut unfinished) = (0, 0);
+        for _ in 0..lines {
+            unfinished += rows;
+            if ends_with_line(unfinished, groups) {
+                (groups, unfinished) = (groups + 1, 0);
+            }
+        }
+        groups + usize::from(unfinished > 0)
+    }
+
+    #[test]
+    fn law_no_file_has_more_row_groups_than_parquet_can_number() {
+        assert_eq!([groups(1000, 256), groups(1000, 36_000)], [1000, 1000]);
+        assert_eq!([groups(40_000, 1), groups(1000, 100)], [157, 334]);
+        assert!(groups(40_000, 36_000) < 32_767 && groups(1_000_000, 2000) < 32_767);
+    }
+}

@@ -1,0 +1,104 @@
+//! Columns of numbers between their samples: measured quantities are interpolated, whole numbers stay whole.
+
+use std::collections::HashSet;
+
+use numerics::signal::resample::{Method, Plan, ResampleError};
+use schemas::{Column, Role};
+
+/// The maximum number of distinct values of a code: those of one byte.
+const MOST_CODES: usize = 256;
+/// Distinct values up to which a column holds codes even if none recurs, as on a short line.
+const FEW_CODES: usize = 16;
+
+/// How the values of a column between two samples are found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Between {
+    /// Interpolated along the shorter arc, in degrees.
+    Angle,
+    /// Interpolated.
+    Number,
+    /// Interpolated and rounded to a whole number.
+    Count,
+    /// Taken from the nearest sample.
+    Code,
+}
+
+/// The values `x` of a column on the grid of `plan`; NaN in gaps.
+///
+/// A column with a unit, or of the role sensor or truth, is measured. Any other column whose finite values are all whole
+/// stays whole. It holds codes if its values recur: if at most half as many are distinct as there are samples, within
+/// [`FEW_CODES`] to [`MOST_CODES`]. Otherwise it holds counts.
+///
+/// # Errors
+/// Fails for a column that is not as long as the times of the plan.
+pub fn between_samples(plan: &Plan, column: &Column, x: &[f64], method: Method) -> Result<Vec<f64>, ResampleError> {
+    match between(column, x) {
+        Between::Angle => plan.angle_deg(x, method),
+        Between::Number => plan.column(x, method),
+        Between::Count => Ok(plan.column(x, method)?.into_iter().map(f64::round).collect()),
+        Between::Code => plan.column(x, Method::Nearest),
+    }
+}
+
+fn between(column: &Column, x: &[f64]) -> Between {
+    let finite = || x.iter().filter(|x| x.is_finite());
+    let has_unit = !matches!(column.unit.as_str(), "" | "1");
+    if column.unit == "deg" {
+        Between::Angle
+    } else if has_unit || matches!(column.role, Role::Sensor | Role::Truth) || finite().any(|x| x.fract() != 0.0) {
+        Between::Number
+    } else {
+        let most = (finite().count() / 2).clamp(FEW_CODES, MOST_CODES);
+        let mut distinct = HashSet::new();
+        // The sum of -0 and 0 is 0.
+        let many = finite().any(|x| distinct.insert((x + 0.0).to_bits()) && distinct.len() > most);
+        if many { Between::Count } else { Between::Code }
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    fn column(unit: &str, role: Role) -> Column {
+        Column::float("x", unit, "").role(role)
+    }
+
+    fn doubled(column: &Column, x: &[f64]) -> Vec<f64> {
+        let tt: Vec<f64> = (0..x.len()).map(|k| k as f64).collect();
+        let plan = Plan::new(&tt, 2.0, 2.0).unwrap();
+        between_samples(&plan, column, x, Method::Linear).unwrap()
+    }
+
+    #[test]
+    fn law_codes_and_flags_take_the_nearest_sample() {
+        let aux = column("", Role::Aux);
+        assert_eq!(doubled(&aux, &[0.0, 1.0, 1.0, 0.0]), [0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 0.0]);
+        assert_eq!(doubled(&column("1", Role::Derived), &[8.0, 12.0]), [8.0, 8.0, 12.0]);
+        // A missing cell is a gap of two seconds, which is bridged.
+        assert_eq!(doubled(&aux, &[3.0, f64::NAN, 6.0]), [3.0, 3.0, 3.0, 6.0, 6.0]);
+        // Large status words recur.
+        let status: Vec<f64> = (0..100).map(|k| f64::from(1_u32 << (k % 20))).collect();
+        assert!(doubled(&aux, &status).iter().all(|x| status.contains(x)));
+    }
+
+    #[test]
+    fn law_measured_quantities_are_interpolated_even_if_they_are_whole() {
+        for measured in [column("nT", Role::Aux), column("", Role::Sensor), column("", Role::Truth)] {
+            assert_eq!(doubled(&measured, &[52_000.0, 52_001.0]), [52_000.0, 52_000.5, 52_001.0]);
+        }
+        assert_eq!(doubled(&column("deg", Role::Aux), &[350.0, 10.0]), [350.0, 0.0, 10.0]);
+        assert_eq!(doubled(&column("", Role::Aux), &[0.0, 1.0, 2.5]), [0.0, 0.5, 1.0, 1.75, 2.5]);
+    }
+
+    #[test]
+    fn law_counts_stay_whole_and_do_not_jump() {
+        // A latitude in 1e-7 degrees, as autopilots log it.
+        let lat: Vec<f64> = (0..60).map(|k| -353_632_621.0 + f64::from(k) * 137.0).collect();
+        let found = doubled(&column("", Role::Aux), &lat);
+        for (k, x) in found.iter().enumerate() {
+            assert!(x.fract() == 0.0 && (x - (lat[0] + 68.5 * k as f64)).abs() <= 0.5, "{k}: {x}");
+        }
+    }
+}
