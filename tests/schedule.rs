@@ -72,7 +72,8 @@ fn user_a_second_run_of_a_pipeline_is_refused_by_name_or_waits_and_computes_noth
     let refused = start(&bench, &["-q", "--summary", "summary.json"]).wait_with_output().unwrap();
     assert_eq!(refused.status.code(), Some(3), "{}", stderr(&refused));
     let told = stderr(&refused);
-    for word in ["another run of `small` holds the lock", &format!("process {} on ", first.id()), "since 20", "--wait"] {
+    for word in ["another run of `small` holds the lock", &format!("process {} on ", first.id()), "since 20", "--wait"]
+    {
         assert!(told.contains(word), "{word} is not in {told}");
     }
     let said = summary(&bench);

@@ -33,7 +33,8 @@ pub fn numbered(query: &str) -> Result<String, Fault> {
                 marks.insert((one.span.start.line, one.span.start.column), marks.len() + 1);
             }
             Token::Placeholder(_) if tokens.iter().any(|t| t.token == Token::Placeholder("?".to_owned())) => {
-                return Err(Fault::new("the query mixes parameters `?` and numbered parameters").help("use only one of the two forms"));
+                return Err(Fault::new("the query mixes parameters `?` and numbered parameters")
+                    .help("use only one of the two forms"));
             }
             _ => {}
         }

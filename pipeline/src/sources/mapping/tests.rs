@@ -156,7 +156,10 @@ fn law_the_epoch_is_the_median_over_new_fixes() {
     let mut later = open(&text.replace("boot_unit", "boot_offset_s = -7.75\nboot_unit")).unwrap();
     assert_eq!(numbers(&later.next_part().unwrap().unwrap().batch, "tt"), [86_390.75, 86_391.75]);
     let none = open(&text.replace("fix >= 3", "fix >= 4")).err().unwrap().to_string();
-    assert!(none.contains("no row of gps.csv gives the start time of the log") && none.contains("m.toml:3:2"), "{none}");
+    assert!(
+        none.contains("no row of gps.csv gives the start time of the log") && none.contains("m.toml:3:2"),
+        "{none}"
+    );
     let gone = open(&text.replace("gps.csv", "gsp.csv")).err().unwrap().to_string();
     assert!(gone.contains("gsp.csv") && gone.contains("the epoch of `t` is read from it"), "{gone}");
 }
@@ -236,7 +239,11 @@ fn unit_rows_are_left_out_where_the_condition_does_not_hold_and_repeats_are_coun
     let text = table(time, &format!("rows = 'ok = 1'\ndrop_repeated = true\n{columns}"));
     assert_eq!(numbers(&rows(csv, &text).unwrap(), "x"), [10.0, 11.0, 15.0]);
     let (reader, _folder) = opened(csv, &text, &FlightOptions::default()).unwrap();
-    assert!(reader.notes.iter().any(|n| n.contains("drops 1 rows with the time of the previous row")), "{:?}", reader.notes);
+    assert!(
+        reader.notes.iter().any(|n| n.contains("drops 1 rows with the time of the previous row")),
+        "{:?}",
+        reader.notes
+    );
     // What nobody names comes along when it is asked for.
     let out = rows(csv, &table(time, &format!("others = true\n{columns}"))).unwrap();
     assert_eq!(numbers(&out, "ok").len(), 6);

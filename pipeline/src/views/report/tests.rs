@@ -83,7 +83,15 @@ fn unit_compensation_alone_has_no_map() {
 #[test]
 fn unit_navigation_alone_has_no_model() {
     let html = page("navigation", &[], &[]).unwrap();
-    for part in ["data:image/png;base64", "North error", "East error", "Innovations", "NIS", "NEES", "Enlarged: largest error of the INS"] {
+    for part in [
+        "data:image/png;base64",
+        "North error",
+        "East error",
+        "Innovations",
+        "NIS",
+        "NEES",
+        "Enlarged: largest error of the INS",
+    ] {
         assert!(html.contains(part), "{part}");
     }
     assert!(!html.contains("The model: ") && !html.contains("Before and after"));
