@@ -315,7 +315,8 @@ pub(super) fn deviance(residual: f64, nis: f64, most_nis: f64) -> Option<f64> {
 /// that is not distinguished from none.
 fn correlation_factor(output: &NavigationOutput) -> f64 {
     const SMALLEST: f64 = 1.3;
-    let innovations = output.residual_nt.iter().zip(&output.nis).filter(|(_, nis)| nis.is_finite() && **nis <= GATE_NIS);
+    let innovations =
+        output.residual_nt.iter().zip(&output.nis).filter(|(_, nis)| nis.is_finite() && **nis <= GATE_NIS);
     let normalised: Vec<f64> = innovations.map(|(residual, nis)| nis.sqrt().copysign(*residual)).collect();
     let factor = normalised.len() as f64 / effective_samples(&normalised);
     if factor >= SMALLEST { factor } else { 1.0 }
