@@ -79,14 +79,17 @@ fn r10_a_fit_whose_line_is_too_short_names_it() {
     let run = short.run(&[]);
     assert_eq!(run.code, 1);
     let told = texts(&read(&short.path("store/tables/whole/failures")), "error").join("\n");
-    assert!(told.contains("flight 1, line 1.02 has 40 samples in its longest run and takes "), "{told}");
+    assert!(told.contains("flight 1, line 1.02 has 40 samples in its longest run and requires "), "{told}");
     // Beside longer ones it is left out, and the fit says so.
     short.spec(FIT);
     assert_eq!(short.run(&[]).code, 0);
     let rows = read(&short.path("store/tables/whole/coefficients"));
     assert!(texts(&rows, "lines").iter().all(|l| l == "1/1.01, 2/2.01, 2/2.02"), "{:?}", texts(&rows, "lines"));
     let warning = &texts(&rows, "warning")[0];
-    assert!(warning.contains("too short for filter and trim, so not used: flight 1, line 1.02 has 40"), "{warning}");
+    assert!(
+        warning.contains("not used because too short for filter and trim: flight 1, line 1.02 has 40"),
+        "{warning}"
+    );
 }
 
 #[test]

@@ -277,7 +277,7 @@ fn user_a_map_that_fails_is_reported_and_what_rests_on_it_is_skipped() {
     let skipped = events.lines().find(|e| e.contains("\"skipped\"") && e.contains("\"table\":\"level\""));
     assert!(skipped.is_some_and(|e| e.contains("its input `gridded` could not be computed")), "{events}");
     let told = bench.magline(&["run", "spec.toml"]);
-    assert!(stderr(&told).contains("say `level_m = "), "{}", stderr(&told));
+    assert!(stderr(&told).contains("set `level_m = "), "{}", stderr(&told));
 }
 
 #[test]
@@ -294,7 +294,7 @@ fn gold_what_cannot_be_is_refused_before_anything_runs() {
         (format!("{up}derivative = \"up\"\n{value}"), "`up` is a derivative in nT/m"),
         (format!("{up}to_m = 400.0\n{}", value.replace("input = \"flights\"", "input = \"up\"")), "but `up` is a map"),
         (format!("{grid}core_field = \"igrf\"\n"), "the core field needs a date"),
-        (format!("{grid}tension = 0.5\n"), "`tension` has a say only with `method = \"minimum_curvature\"`"),
+        (format!("{grid}tension = 0.5\n"), "`tension` has no effect without `method = \"minimum_curvature\"`"),
         (format!("{grid}spacing_m = 0.0\n"), "`spacing_m` must be above 0"),
         (format!("{grid}mask_m = -1.0\n"), "`mask_m` is -1"),
         (format!("{grid}value = \"anomly\"\n"), "there is no column `anomly`"),

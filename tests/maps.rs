@@ -282,10 +282,10 @@ fn r10_what_cannot_be_is_refused_before_work() {
         (&["-o", "grid.parquet", "--spacing", "0"], "`--spacing-m` must be above 0, not 0"),
         (&["-o", "grid.parquet", "--damping=-1"], "`--damping` must be above 0, not -1"),
         (&["-o", "grid.parquet", "--mask=-1"], "`--mask-m` is -1"),
-        (&["-o", "grid.parquet", "--tension", "0.5"], "`--tension` has a say only with `--method minimum_curvature`"),
+        (&["-o", "grid.parquet", "--tension", "0.5"], "`--tension` has no effect without `--method minimum_curvature`"),
         (
             &["-o", "grid.parquet", "--level", "90", "--method", "minimum-curvature"],
-            "`--level-m` has a say only with `--method equi",
+            "`--level-m` has no effect without `--method equi",
         ),
     ] {
         // The points are not even looked for.

@@ -83,7 +83,8 @@ fn val_models_of_moments_are_scikit_learns() {
     let elastic = |row: usize| {
         let (alpha, ratio, centred) = (net["alpha"][row], net["l1_ratio"][row], net["centred"][row] == 1.0);
         let more = format!(
-            "model = \"elastic_net\"\nscaling = \"none\"\nintercept = {centred}\nl1_ratio = {ratio:?}\nlambda = {alpha:?}"
+            "model = \"elastic_net\"\nscaling = \"none\"\nintercept = {centred}\nl1_ratio = {ratio:?}\nlambda = \
+             {alpha:?}"
         );
         fit(&format!("net{row}"), "mag_4_uc", &more)
     };
@@ -432,9 +433,9 @@ fn gold_a_key_of_another_model_is_refused_and_names_its_owner() {
     let text = refused("model = \"robust\"\ndegrees_of_freedom = 4.0");
     assert!(text.contains("`degrees_of_freedom` belongs to the loss `student_t`"), "{text}");
     let text = refused("model = \"ridge\"\none_standard_error = true");
-    assert!(text.contains("`one_standard_error` is for leaving lines or flights out"), "{text}");
+    assert!(text.contains("`one_standard_error` requires cross-validation"), "{text}");
     let text = refused("model = \"ridge\"\nlambda = 0.5\nchoose = \"gcv\"");
-    assert!(text.contains("`lambda` is found by `choose = \"gcv\"`"), "{text}");
+    assert!(text.contains("`lambda` and `choose = \"gcv\"` cannot be combined"), "{text}");
     // Misspelt words of a choice have the nearest.
     assert!(refused("model = \"rigde\"").contains("did you mean `ridge`?"));
     assert!(refused("model = \"ridge\"\nscaling = \"max_ab\"").contains("did you mean `max_abs`?"));

@@ -154,7 +154,7 @@ fn user_what_a_network_cannot_use_is_refused() {
     };
     let filtered = said("model = \"m1\"\nlow_hz = 0.1");
     assert!(
-        filtered.contains("`low_hz` is for linear models: `m1` is fitted to the samples as they are"),
+        filtered.contains("`low_hz` applies to linear models only; `m1` is fitted to unfiltered samples"),
         "{filtered}"
     );
     let foreign = said("model = \"m1\"\nlambda = 0.1");
@@ -162,9 +162,9 @@ fn user_what_a_network_cannot_use_is_refused() {
     let threshold = said("model = \"m2c\"\nhuber_threshold = 2.0");
     assert!(threshold.contains("has no effect without `training_loss = \"huber\"`"), "{threshold}");
     let deep = said("model = \"m1\"\nhidden = [8, 8, 8, 8]");
-    assert!(deep.contains("a network has up to three hidden layers"), "{deep}");
+    assert!(deep.contains("a network has at most three hidden layers"), "{deep}");
     let unvalidated = said("model = \"m1\"\npatience = 10");
-    assert!(unvalidated.contains("name them in `validation`"), "{unvalidated}");
+    assert!(unvalidated.contains("name lines or flights in `validation`"), "{unvalidated}");
     let untrained = said("model = \"m1\"\nepochs = 0");
     assert!(untrained.contains("nothing is trained"), "{untrained}");
 }
@@ -368,7 +368,7 @@ fn user_what_no_training_can_begin_with_is_refused() {
         stderr(&checked)
     };
     let linear = said("model = \"ridge\"\nwarm_start = \"network\"");
-    assert!(linear.contains("`ridge` has no weights to begin with") && linear.contains("warm_start = "), "{linear}");
+    assert!(linear.contains("`ridge` has no weights") && linear.contains("warm_start = "), "{linear}");
     let lines = said("model = \"m1\"\nwarm_start = \"terms\"");
     assert!(lines.contains("`warm_start` requires a model table, but `terms` is a table of flight lines"), "{lines}");
     let unknown = said("model = \"m1\"\nwarm_start = \"netwrok\"");
@@ -377,9 +377,12 @@ fn user_what_no_training_can_begin_with_is_refused() {
     assert!(missing.contains("flights") && missing.contains("term"), "{missing}");
     // What a table holds is known once it is there.
     for (keys, what) in [
-        ("model = \"m1\"\nepochs = 1\nwarm_start = \"line\"", "is linear, and has no weights to begin with"),
-        ("model = \"m1\"\nepochs = 1\nhidden = [4]\nwarm_start = \"network\"", "has `hidden` [8], and this fit [4]"),
-        ("model = \"m2c\"\nepochs = 1\nwarm_start = \"network\"", "has `model` m1, and this fit m2c"),
+        ("model = \"m1\"\nepochs = 1\nwarm_start = \"line\"", "is linear and has no weights"),
+        (
+            "model = \"m1\"\nepochs = 1\nhidden = [4]\nwarm_start = \"network\"",
+            "has `hidden` [8], but this fit has [4]",
+        ),
+        ("model = \"m2c\"\nepochs = 1\nwarm_start = \"network\"", "has `model` m1, but this fit has m2c"),
     ] {
         with(keys);
         let done = bench.run(&[]);

@@ -118,7 +118,7 @@ fn user_what_a_rival_cannot_use_is_refused() {
         stderr(&checked)
     };
     let alone = said("model = \"boosted_trees\"\npatience = 5", "");
-    assert!(alone.contains("name them in `validation`"), "{alone}");
+    assert!(alone.contains("name lines or flights in `validation`"), "{alone}");
     let whole = said("model = \"boosted_trees\"\nseed = 5", "");
     assert!(whole.contains("has no effect without `subsample`"), "{whole}");
     let foreign = said("model = \"random_features\"\ntrees = 5", "");

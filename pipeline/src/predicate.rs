@@ -149,14 +149,14 @@ mod tests {
     fn r10_only_what_depends_on_the_row_alone_is_taken() {
         let refused = |sql: &str| Predicate::new(sql, &shape()).unwrap_err();
         for (sql, says) in [
-            ("tt > random()", "`random()` gives another answer each time"),
-            ("uuid() <> line", "`uuid()` gives another answer each time"),
+            ("tt > random()", "`random()` gives a different value each time"),
+            ("uuid() <> line", "`uuid()` gives a different value each time"),
             ("line = '1' and not (tt + 1 > 3 * random())", "`random()`"),
             ("avg(tt) > 3", "`avg`"),
             ("row_number() over (order by tt) < 10", "`row_number`"),
-            ("tt > (select 1)", "a query inside of `where`"),
-            ("tt in (select 1)", "a query inside of `where`"),
-            ("exists (select 1)", "a query inside of `where`"),
+            ("tt > (select 1)", "`where` cannot contain a query"),
+            ("tt in (select 1)", "`where` cannot contain a query"),
+            ("exists (select 1)", "`where` cannot contain a query"),
         ] {
             let fault = refused(sql);
             assert!(fault.to_string().contains(says), "{sql}: {fault}");

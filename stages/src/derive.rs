@@ -254,7 +254,7 @@ mod tests {
         assert!(of(&[("tt", "mag_4_uc")], &[]).contains("cannot be replaced"));
         assert!(of(&[("x y", "mag_4_uc")], &[]).contains("not a valid column name"));
         assert!(of(&[("x", "mag_4_uc > 3")], &[]).contains("case when"));
-        assert!(of(&[("x", "random() * mag_4_uc")], &[]).contains("another answer each time"));
+        assert!(of(&[("x", "random() * mag_4_uc")], &[]).contains("a different value each time"));
         assert!(of(&[("x", "mag_6_uc")], &[]).contains("there is no column `mag_6_uc`"));
         assert!(of(&[], &[]).contains("`columns` is empty"));
     }

@@ -68,66 +68,68 @@ use crate::{
 };
 
 stage! {
-    /// Fits the coefficients of a compensation model on all lines that `where` selects together.
+    /// Fits a compensation model to all lines that `where` selects, as one data set.
     ///
-    /// Terms and target are band-passed by the same zero-phase filter (`low_hz = 0` and `high_hz = 0` leave it off),
-    /// `trim` samples are left out at each end of every run, and the model is fitted to what remains. Each of the models below
-    /// has keys of its own; a key of another model is refused.
+    /// One zero-phase filter band-passes terms and target (`low_hz = 0` and `high_hz = 0` switch it off). `trim`
+    /// samples are removed at each end of every run. The model is fitted to the remaining samples. Each model below has
+    /// its own keys; a key of another model is rejected.
     ///
-    /// The model of Tolles and Lawson has the feature `tl`, of `a_matrix`; those of all other names are made by `features`.
-    /// The two-step model of thesis 004 is two fits with a `compensate` between them, the second with target `mag_c`.
+    /// `tolles_lawson` has the feature `tl`, of `a_matrix`. `features` computes the features of all other names. The
+    /// two-step model of thesis 004 is two fits with a `compensate` between them; the second has target `mag_c`.
     ///
-    /// `choose` finds `lambda` or the number of components: by generalised cross-validation, at the corner of the L-curve,
-    /// or by leaving each line, or each flight with all its lines, out in turn and predicting it. Lines are left out whole,
-    /// so that no sample of a line helps to predict its neighbours; flights whole, so that what lasts from take-off to
-    /// landing, such as a magnetisation or a temperature, does not help either. A line left out is scored by the variance
-    /// (over n) of what the prediction misses: its mean does not count, for a filter takes constants off and compensation
-    /// leaves them undetermined; all lines count alike. What was found stands in the column `chosen`.
+    /// `choose` selects `lambda` or the number of components. It uses generalised cross-validation, the corner of the
+    /// L-curve, or cross-validation that omits each line, or each flight with all its lines, in turn. Omitting whole
+    /// lines prevents a sample from helping to predict its neighbours. Omitting whole flights does the same for effects
+    /// that last a flight, such as a magnetisation or a temperature. The score of an omitted line is the variance (over
+    /// n) of the prediction error. Its mean does not count, because a filter removes constants and compensation leaves
+    /// them undetermined. All lines have equal weight. The selected value is in the column `chosen`.
     ///
-    /// A sweep is solved together: of each line one triangular factor is made, never normal equations, which square the
-    /// condition number; every lambda, number of components and line left out is solved on these. Coefficients are in the
-    /// units of the columns, whatever the scaling, with the intercept as the term `intercept`.
+    /// A sweep is solved together. Each line is reduced to one triangular factor, from which all lambdas, numbers of
+    /// components and omitted lines are solved. Normal equations are not used, because they square the condition
+    /// number. Coefficients are in the units of the columns for any scaling. The intercept is the term `intercept`.
     ///
-    /// `std` is one sigma of a coefficient, of the spectrum of the residual and those of the terms, in bands: the filter
-    /// and coloured noise make samples depend on each other, which counts. A residual that wanders, as a random walk does without
-    /// a filter, counts with its ramp from the first sample to the last; the intercept's `std` does not hold what the walk
-    /// itself moves the mean by. It is null with 96 or more terms, which is noted, and of models other than ridges.
+    /// `std` is the standard deviation of a coefficient. It is computed from the spectra of the residual and of the
+    /// terms in bands, because the filter and coloured noise correlate the samples. The ramp of a drifting residual
+    /// from its first to its last sample is included. The intercept's `std` excludes the effect of a random walk on the
+    /// mean. `std` is null for 96 or more terms, which is noted, and for models other than ridges.
     ///
-    /// `rate_hz` is the rate of the first line. Terms that are differences per sample, such as `xx_dot`, are brought to it on
-    /// lines of other rates, so that coefficients hold at this rate; values of earlier samples have no equivalent at
-    /// another rate and are refused there. A training that begins with `warm_start` keeps the rate of that table.
+    /// `rate_hz` is the rate of the first line. Terms that are differences per sample, such as `xx_dot`, are converted
+    /// to it on lines of other rates, so all coefficients hold at this rate. Lagged values cannot be converted and are
+    /// rejected on lines of another rate. Training that starts from `warm_start` keeps the rate of that table.
     ///
-    /// A filter takes the mean of the target off, so the constant part of the aircraft's field stays unknown.
+    /// A filter removes the mean of the target, so the constant part of the aircraft field is not determined.
     ///
-    /// Rows with a NaN in a feature or the target, and rows that `where` leaves out, end a run; each run is filtered by
-    /// itself, and one too short for filter and trim is left out. `left_out` counts such rows, `n` those used, `lines`
-    /// names the lines that these are of, and
-    /// `condition` is the condition number of the filtered matrix: with a large one single coefficients mean little.
-    /// With `lambda = 0` terms that the flight does not excite are an error that names them. `trivial_share` is the part of
-    /// the total field that the fit calls the aircraft's, 1 for the trivial solution of band-passed fits; `warning` says
-    /// what is wrong with a fit, and is empty where nothing is. A line that failed before, or lacks a column, is left out;
-    /// so is one that is not evenly sampled or whose rate the filter does not fit, which the table `failures` then names.
+    /// Rows with a NaN in a feature or the target, and rows that `where` omits, end a run. Each run is filtered
+    /// separately. A run that is too short for filter and trim is omitted. `left_out` counts the omitted rows, `n` the
+    /// used rows, and `lines` lists the lines of the used rows.
     ///
-    /// `approximation_bound` is what the model's form alone can miss at most: it takes the aircraft's field along the
-    /// earth's for the change of the magnitude, which leaves out up to b^2/2 of the field, b being the ratio of the two. It
-    /// is worked out from the permanent and induced coefficients for the worst attitude; null where the terms or the
-    /// target, which must be a total field, do not give it.
+    /// `condition` is the condition number of the filtered matrix; if it is large, single coefficients are poorly
+    /// determined. With `lambda = 0`, terms that the flight does not excite are an error that names them.
+    /// `trivial_share` is the fraction of the total field that the fit attributes to the aircraft. It is 1 for the
+    /// trivial solution of band-passed fits. `warning` describes problems of the fit and is otherwise empty. A line
+    /// that failed before, or that lacks a column, is omitted. So is a line that is not evenly sampled, or whose rate
+    /// does not suit the filter; the table `failures` lists these.
     ///
-    /// `residual_sigma`, `residual_fogm_sigma` and `residual_fogm_tau` are the noise of what the model compensates, over all
-    /// frequencies: the white and the first-order Gauss-Markov part, the least that bound the Allan variance of the unfiltered
-    /// target less the model on the lines of the fit. Of a total field the columns `igrf` and `diurnal` are taken off where
-    /// the line has them; without `igrf` the core field is that at the positions of the INS and the line's date. Geology
-    /// is not known here and counts as noise, so that calibrating low over it makes these figures larger than they need be;
-    /// a time constant beyond the length of the lines cannot be told from that length. They are null where the lines are
-    /// too short, less than 16 s.
+    /// `approximation_bound` bounds the error of the model's linear form. That form projects the aircraft field on the
+    /// earth's field to get the change of the magnitude. This omits up to b^2/2 of the total field, where b is the
+    /// ratio of the two fields. The bound is computed from the permanent and induced coefficients for the worst
+    /// attitude. It is null if the terms do not determine it or the target is not a total field.
     ///
-    /// `warm_start` names the table of another fit of the same kind of network, or a published one: the training begins with
-    /// its weights in place of random ones, such as those of another aircraft of which more was flown. Inputs, layers,
-    /// activation, linear terms and members must be the same. Inputs and target keep the scales of that network, so that its
-    /// weights mean what they meant; its constant does not count and becomes that of the new lines. Coefficients that are
-    /// trained (`m2c`) begin as its own; those that are not (`m2b`, `m2d`, `tlnn`, `etlnn`) are fitted to the new lines as ever.
+    /// `residual_sigma`, `residual_fogm_sigma` and `residual_fogm_tau` are the residual noise of the model over all
+    /// frequencies. They are the smallest white and first-order Gauss-Markov noise that bound the Allan variance of the
+    /// unfiltered target minus the model on the lines of the fit. `igrf` and `diurnal` are subtracted from a total
+    /// field if present. Without `igrf` the core field is computed at the INS positions and the line's date. The
+    /// crustal anomaly is unknown here and counts as noise, so a calibration at low height overestimates the noise. A
+    /// time constant longer than the lines cannot be resolved. The columns are null if the lines are shorter than 16 s.
     ///
-    /// Source: thesis 000, (3.19) to (3.43), Figure 5-6 of `warm_start`; thesis 004, sections 2.2 to 2.4, 4.2.1 and Figure 4.2.
+    /// `warm_start` names the table of another fit of the same kind of network, or a published one. Training starts
+    /// from its weights instead of random ones, for example from an aircraft with more flight data. Inputs, layers,
+    /// activation, linear terms and members must be the same. Inputs and target keep the scales of that network, which
+    /// its weights require. Its constant is replaced by that of the new lines. Trained coefficients (`m2c`) start from
+    /// its values. Coefficients that are not trained (`m2b`, `m2d`, `tlnn`, `etlnn`) are fitted to the new lines.
+    ///
+    /// Source: thesis 000, (3.19) to (3.43), Figure 5-6 of `warm_start`; thesis 004, sections 2.2 to 2.4, 4.2.1 and
+    /// Figure 4.2.
     Fit = "fit", version 5, grain Survey, inputs [input: Lines, warm_start: Model optional],
     example r#"
 [[stages]]
@@ -139,54 +141,55 @@ model  = "tolles_lawson"
 target = "mag_4_uc"
 lambda = 0.025
 "#;
-    /// The model.
+    /// Compensation model.
     model: Chosen<Model>, unit "";
-    /// The column to explain, such as `mag_4_uc`, or `target` of the stage of that name.
+    /// Column to which the model is fitted, such as `mag_4_uc`, or `target` of the stage `target`.
     target: String, unit "nT";
-    /// The columns that explain it: lists such as `tl` and `features`, or single columns.
+    /// Input columns of the model: lists such as `tl` and `features`, or single columns.
     features: Vec<String>, unit "", default ["tl"].map(String::from);
-    /// Which entries of the lists among `features` are used, in this order: their names, or what several names have before
-    /// a `_`, such as `TL_A_flux_a`. A row must be finite in the whole lists. The lists are factored once
-    /// for all such choices, so that a sweep over them costs next to nothing.
-    entries: Option<Vec<String>>, unit "", absent "all";
-    /// How `lambda` or `components` is found; what it may be depends on the model.
+    /// Entries of the lists in `features` to use, in this order. Each is a name, or a prefix of several names before a
+    /// `_`, such as `TL_A_flux_a`. A row must be finite in the whole lists. The lists are factored once for all such
+    /// choices, so a sweep over them is fast.
+    entries: Option<Vec<String>>, unit "", absent "all entries";
+    /// Method that selects `lambda` or `components`. The permitted values depend on the model.
     choose: Choose, unit "", default Choose::Given;
-    /// Where lines or flights are left out: take the simplest model whose error is within one standard error of the least.
+    /// With cross-validation: selects the simplest model whose error is within one standard error of the smallest.
     one_standard_error: bool, unit "", default false;
-    /// What columns are divided by before they are penalised. `standardise` is by the
-    /// standard deviation over n - 1, as in MagNav.jl and in the partial least squares and whitened components of
-    /// scikit-learn. Its `StandardScaler` divides by that over n: the same ridge takes `lambda` n / (n - 1) there.
-    scaling: Option<Divisor>, unit "", absent "that of the model";
-    /// Fit to the whitened principal components of the features in place of the features: how many of them, or below 1 the
-    /// part of the variance that they hold. Coefficients are still those of the features.
-    whiten: Option<f64>, unit "", absent "the features themselves", rule Rule::Positive;
-    /// Whether a constant is fitted too, without a penalty.
-    intercept: Option<bool>, unit "", absent "that of the model, and true with `whiten`";
-    /// The lower corner of the filter; 0 leaves it off.
+    /// Divisor of the columns before the penalty is applied. `standardise` divides by the standard deviation over n -
+    /// 1, as MagNav.jl does, and scikit-learn in partial least squares and whitened components. `StandardScaler` of
+    /// scikit-learn divides by the standard deviation over n; the same ridge then requires `lambda` n / (n - 1).
+    scaling: Option<Divisor>, unit "", absent "the default of the model";
+    /// Fits to whitened principal components of the features instead of the features. A value of 1 or more is the
+    /// number of components, a value below 1 the fraction of the variance. Coefficients are still those of the
+    /// features.
+    whiten: Option<f64>, unit "", absent "no whitening", rule Rule::Positive;
+    /// Fits a constant too, without a penalty.
+    intercept: Option<bool>, unit "", absent "the default of the model, and true with `whiten`";
+    /// Lower corner frequency of the filter. 0 removes it.
     low_hz: f64, unit "Hz", default 0.1, rule Rule::NotNegative;
-    /// The upper corner of the filter; 0 leaves it off.
+    /// Upper corner frequency of the filter. 0 removes it.
     high_hz: f64, unit "Hz", default 0.9, rule Rule::NotNegative;
-    /// The order of the Butterworth prototype.
+    /// Order of the Butterworth prototype.
     order: usize, unit "", default 4usize, rule Rule::Between(1.0, 12.0);
-    /// Samples left out at each end of a run after filtering.
+    /// Number of samples removed at each end of a run after filtering.
     trim: usize, unit "samples", default 20usize;
-    /// Whether a truth column may be a feature.
+    /// Allows truth columns as features.
     allow_truth: bool, unit "", default false;
 }
 
-/// The row of the catalogue, with `models` to choose from.
+/// Entry of the catalogue, with `models` to choose from.
 pub fn entry(models: Vec<&'static Model>) -> Entry {
     let kinds = models.iter().map(|model| model.document()).collect();
     Entry { kinds, ..Fit::entry_with(Lists::default().with(models)) }
 }
 
 impl Fit {
-    /// The defaults of the model put in.
+    /// Settings with the defaults of the model.
     fn settings(&self) -> Settings {
         let (model, whiten) = (self.model.kind, self.whiten.filter(|_| self.model.takes("whiten")));
         Settings {
             scaling: self.scaling.unwrap_or(model.scaling).scaling(),
-            // Components are made of columns without their means, so a constant belongs to them.
+            // Components are computed from centred columns, so they require a constant.
             intercept: self.intercept.unwrap_or(model.intercept || whiten.is_some()),
             choose: self.choose,
             one_standard_error: self.one_standard_error,
@@ -196,7 +199,7 @@ impl Fit {
 
     /// The fit with its words resolved.
     fn point(&self) -> Point {
-        // What is not linear does not commute with a filter.
+        // A nonlinear model does not commute with a filter.
         let (filter, trim) = match self.model.kind.made_of {
             MadeOf::Samples => ((0.0_f64.to_bits(), 0.0_f64.to_bits(), 1), 0),
             MadeOf::Moments | MadeOf::Rows => ((self.low_hz.to_bits(), self.high_hz.to_bits(), self.order), self.trim),
@@ -211,29 +214,32 @@ impl Fit {
         }
     }
 
-    /// What is wrong with the parameters among themselves.
+    /// Faults of incompatible parameters.
     fn contradictions(&self) -> Vec<Fault> {
         let (point, mut faults) = (self.point(), vec![]);
         let mut wrong = |what: String, param: &'static str| faults.push(Fault::new(what).of_param(param));
         if !self.model.kind.choose.contains(&self.choose) {
             let words = self.model.kind.choose.iter().map(|c| format!("`{}`", c.word())).collect::<Vec<_>>().join(", ");
-            wrong(format!("`choose` of the model `{}` can be {words}", self.model.kind.name), "choose");
+            wrong(format!("`choose` of the model `{}` must be {words}", self.model.kind.name), "choose");
         }
         let targets = point.targets();
         if targets.iter().enumerate().any(|(i, t)| targets[..i].contains(t)) {
             wrong("duplicate target".to_owned(), "with_targets");
         }
         if point.settings.whiten.is_some() && self.intercept == Some(false) {
-            wrong("`whiten` goes with an intercept".to_owned(), "whiten");
+            wrong("`whiten` requires `intercept = true`".to_owned(), "whiten");
         }
         if point.settings.whiten.is_some_and(|w| w > 1.0 && w.fract() != 0.0) {
-            wrong("`whiten` is a whole number of components, or a part of the variance below 1".to_owned(), "whiten");
+            wrong(
+                "`whiten` must be a whole number of components, or a fraction of the variance below 1".to_owned(),
+                "whiten",
+            );
         }
         faults.extend(point.model.faults(&point.settings));
         faults
     }
 
-    /// Everything that is wrong with the columns.
+    /// Faults of the columns.
     fn column_faults(&self, shape: &Shape) -> Vec<Fault> {
         let point = self.point();
         let more = point.model.with_targets();
@@ -249,7 +255,7 @@ impl Fit {
             if let Err(fault) = fine {
                 let maker = [("tl", "a_matrix"), ("features", "features")].iter().find(|(n, _)| n == name);
                 faults.push(match maker.filter(|_| shape.get(name).is_none()) {
-                    Some((_, stage)) => fault.help(format!("build it first, with `{stage}`")).of_param("input"),
+                    Some((_, stage)) => fault.help(format!("add a `{stage}` stage before this one")).of_param("input"),
                     None => fault.of_param("features"),
                 });
             }
@@ -260,7 +266,7 @@ impl Fit {
             }
         }
         if self.features.is_empty() {
-            faults.push(Fault::new("there is nothing to fit with").of_param("features"));
+            faults.push(Fault::new("`features` is empty; name at least one column").of_param("features"));
         }
         if faults.is_empty() {
             let terms: Vec<String> = self.features.iter().filter_map(|n| shape.get(n)).flat_map(terms_of).collect();
@@ -271,33 +277,37 @@ impl Fit {
 }
 
 impl Fit {
-    /// A note that a fit which has errors of coefficients with fewer terms has none.
+    /// Note that a fit has too many terms for errors of its coefficients.
     fn too_wide_for_errors(&self, shape: &Shape) -> Option<String> {
         let terms = self.features.iter().filter_map(|name| shape.get(name)).flat_map(terms_of).count();
         let none = terms >= MOST_WITH_ERRORS && self.model.keys.wants_errors();
         none.then(|| {
             format!(
-                "`std` is null: coefficients of {terms} terms have no errors, those of up to {} have",
+                "`std` is null: the fit has {terms} terms, and `std` is computed for up to {}",
                 MOST_WITH_ERRORS - 1
             )
         })
     }
 }
 
-/// What is wrong with the model that a training is to begin with.
+/// Fault of the model that training starts from.
 fn warm_start_faults(model: &Chosen<Model>, start: Option<&&Table>) -> Option<Fault> {
     let what = match start? {
-        Table::Model { shape, .. } if shape.get("term").is_none() => "`warm_start` has no terms".to_owned(),
+        Table::Model { shape, .. } if shape.get("term").is_none() => "`warm_start` has no column `term`".to_owned(),
         Table::Model { .. } if model.keys.network().is_some() => return None,
         Table::Model { .. } => {
-            format!("`warm_start` is for networks, and `{}` has no weights to begin with", model.kind.name)
+            format!("`warm_start` requires a network, and `{}` has no weights", model.kind.name)
         }
         Table::Lines(_) | Table::Scores(_) | Table::Map(_) => "`warm_start` is not a model table".to_owned(),
     };
-    Some(Fault::new(what).of_param("warm_start").help("name the table of a fit of a network, and fit one"))
+    Some(
+        Fault::new(what)
+            .of_param("warm_start")
+            .help("name the table of a fit of a network, and set `model` to a network"),
+    )
 }
 
-/// The terms that a column makes.
+/// Terms that a column provides.
 fn terms_of(column: &Column) -> Vec<String> {
     match &column.column_type {
         ColumnType::List(names) => names.clone(),
@@ -350,31 +360,35 @@ impl Stage for Fit {
         };
         let made = |c: Column| c.from(0, &reads).from(1, &warm);
         let columns = vec![
-            made(Column::text("model", "the model").role(Role::Key)),
-            made(Column::text("term", "the term").role(Role::Key)),
-            made(Column::float("value", "nT", "the coefficient")),
-            made(Column::float("std", "nT", "one sigma of the coefficient, from the spectra of residual and terms")),
-            made(Column::integer("n", "", "rows that were used")),
-            made(Column::integer("left_out", "", "rows of the selected lines that were not")),
-            made(Column::float("condition", "1", "condition number of the filtered matrix")),
+            made(Column::text("model", "name of the model").role(Role::Key)),
+            made(Column::text("term", "name of the term").role(Role::Key)),
+            made(Column::float("value", "nT", "coefficient of the term")),
             made(Column::float(
-                "residual_std",
+                "std",
                 "nT",
-                "standard deviation of what the fit leaves of the filtered target",
+                "standard deviation of the coefficient, from the spectra of residual and terms",
             )),
-            made(Column::float("chosen", "", "the ridge parameter or number of components that was used")),
-            made(Column::float("trivial_share", "1", "part of the total field that the fit calls the aircraft's")),
+            made(Column::integer("n", "", "number of rows used")),
+            made(Column::integer("left_out", "", "number of rows of the selected lines that were not used")),
+            made(Column::float("condition", "1", "condition number of the filtered matrix")),
+            made(Column::float("residual_std", "nT", "standard deviation of the residual of the filtered target")),
+            made(Column::float("chosen", "", "ridge parameter or number of components used")),
+            made(Column::float(
+                "trivial_share",
+                "1",
+                "fraction of the total field that the fit attributes to the aircraft",
+            )),
             made(Column::float(
                 "approximation_bound",
                 "nT",
-                "what the linear form of the model misses at most, in any attitude",
+                "upper bound on the error of the linear form of the model, in any attitude",
             )),
-            made(Column::text("lines", "the lines whose rows were used, as flight/line, separated by `, `")),
-            made(Column::text("warning", "what is wrong with the fit; empty where nothing is")),
-            made(Column::float("residual_sigma", "nT", "white part of the noise that the model leaves, a sample")),
-            made(Column::float("residual_fogm_sigma", "nT", "Gauss-Markov part of that noise")),
-            made(Column::float("residual_fogm_tau", "s", "time constant of that part")),
-            made(Column::float(RATE, "Hz", "rate at which terms are differences per sample: that of the first line")),
+            made(Column::text("lines", "lines whose rows were used, as flight/line, separated by `, `")),
+            made(Column::text("warning", "problems of the fit; empty if there are none")),
+            made(Column::float("residual_sigma", "nT", "standard deviation of the white residual noise of one sample")),
+            made(Column::float("residual_fogm_sigma", "nT", "standard deviation of the Gauss-Markov residual noise")),
+            made(Column::float("residual_fogm_tau", "s", "time constant of the Gauss-Markov residual noise")),
+            made(Column::float(RATE, "Hz", "sample rate of the first line, at which terms are differences per sample")),
         ];
         let mut yields = Yield::append(columns, &reads);
         yields.passes = Passes::None;
@@ -397,34 +411,34 @@ impl SurveyStage for Fit {
     }
 }
 
-/// The model that a training begins with.
+/// Model that training starts from.
 struct Start {
     model: Learned,
-    /// The rate at which its inputs are differences per sample, Hz; `None` of a table that does not say.
+    /// Rate at which its inputs are differences per sample, Hz. `None` if the table does not state it.
     rate_hz: Option<f64>,
 }
 
-/// The model of a table that a training begins with.
+/// Reads the model that training starts from.
 fn start(table: &RecordBatch) -> Result<Start, Fault> {
     let Fitted { body, rate_hz } = Fitted::read(table, &[]).map_err(|fault| fault.of_param("warm_start"))?;
     match body {
         Body::Learned(learned) => Ok(Start { model: *learned, rate_hz }),
         Body::Linear { .. } => {
-            let fault = Fault::data("the model of `warm_start` is linear, and has no weights to begin with");
+            let fault = Fault::data("the model of `warm_start` is linear and has no weights");
             Err(fault.of_param("warm_start").help("name the table of a fit of a network"))
         }
     }
 }
 
-/// The points of a sweep that are fitted to the same lines.
+/// Points of a sweep that are fitted to the same lines.
 pub struct FitGather {
     points: Vec<Point>,
     questions: BTreeMap<Matrix, Question>,
-    /// What the training of each point begins with, where it is given.
+    /// Start of the training of each point, if given.
     starts: Vec<Result<Option<Start>, Fault>>,
 }
 
-/// The questions to each line.
+/// Questions to each line.
 fn questions(points: &[Point]) -> BTreeMap<Matrix, Question> {
     let mut all: BTreeMap<Matrix, Question> = BTreeMap::new();
     for point in points {
@@ -444,7 +458,8 @@ fn questions(points: &[Point]) -> BTreeMap<Matrix, Question> {
 }
 
 impl FitGather {
-    /// The models of the points at `places`, which have one matrix, one target, the same entries and one kind of components.
+    /// Models of the points at `places`, which have one matrix, one target, the same entries and one kind of
+    /// components.
     fn solved(&self, whole: &Result<Problem, Fault>, places: &[usize], work: &dyn Work) -> Vec<Result<Solved, Fault>> {
         let Some(first) = places.first().map(|i| &self.points[*i]) else { return vec![] };
         let cut = whole.as_ref().map_err(Clone::clone).and_then(|whole| whole.cut(first.places(&whole.terms)?));

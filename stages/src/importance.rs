@@ -1,4 +1,4 @@
-//! Which inputs matter to a model.
+//! Importance of the inputs of a model.
 
 #[cfg(test)]
 mod tests;
@@ -17,30 +17,30 @@ use crate::{
 };
 
 choice! {
-    /// How it is found what an input matters.
+    /// Method that computes the importance.
     pub enum Method {
-        /// By how much the mean square error grows when the group's blocks of time are exchanged.
+        /// Increase of the mean square error when blocks of time of a group are exchanged.
         Permutation = "permutation",
-        /// The mean absolute Shapley value of the samples.
+        /// Mean absolute Shapley value over the samples.
         Shapley = "shapley",
-        /// The mean absolute expected gradient of the samples; not of trees, which have no gradient.
+        /// Mean absolute expected gradient over the samples. Not available for trees, which have no gradient.
         ExpectedGradients = "expected_gradients",
-        /// Pearson's correlation with the target, of the entry of the group where it is largest; the model does not matter.
+        /// Pearson correlation with the target, for the entry of the group with the largest. Independent of the model.
         Pearson = "pearson",
-        /// Spearman's rank correlation with the target, of the entry of the group where it is largest; the model does not
-        /// matter.
+        /// Spearman rank correlation with the target, for the entry of the group with the largest. Independent of the
+        /// model.
         Spearman = "spearman",
-        /// The coefficients of the linear model of `terms` entries that explains the target best, by iterative hard
-        /// thresholding; the model does not matter.
+        /// Coefficients of the best linear model of `terms` entries, by iterative hard thresholding. Independent of the
+        /// model.
         HardThresholding = "hard_thresholding",
-        /// The weights of a network's first layer, which a sparse group lasso (`group_lasso` of `fit`) makes small where an
-        /// input does not matter.
+        /// Weights of a network's first layer. A sparse group lasso (`group_lasso` of `fit`) shrinks those of
+        /// unimportant inputs.
         GroupLasso = "group_lasso",
     }
 }
 
 impl Method {
-    /// Whether it gives each sample its own value.
+    /// Returns whether the method gives each sample its own value.
     fn explains_samples(self) -> bool {
         match self {
             Method::Shapley | Method::ExpectedGradients => true,
@@ -52,7 +52,7 @@ impl Method {
         }
     }
 
-    /// The unit of its values.
+    /// Unit of the values.
     fn unit(self) -> &'static str {
         match self {
             Method::Permutation => "nT2",
@@ -63,39 +63,37 @@ impl Method {
 }
 
 stage! {
-    /// Finds how much each input matters to a fitted model on each line: a row for each group of inputs, with `value` and,
-    /// for what is a mean, the `spread` behind it. Models of all kinds are explained, by their predictions alone.
+    /// Computes the importance of each input of a fitted model on each line. Each group of inputs gives a row with
+    /// `value` and, for a mean, its `spread`. The methods use predictions only, so they apply to all kinds of models.
     ///
-    /// Every entry of the features that the model uses is a group by itself, but for those that `groups` put together.
-    /// Inputs that say the same share what they matter or hide it from each other: put what comes of one sensor into one
-    /// group.
+    /// Every entry of the features that the model uses is a separate group, except those that `groups` combine.
+    /// Correlated inputs share or mask importance. Put all inputs from one sensor into one group.
     ///
     /// | `method` | `value` | `spread` |
     /// |---|---|---|
-    /// | `permutation` | by how much the mean square error against `target` grows, nT2 | of the repeats |
-    /// | `shapley` | mean absolute part of the prediction, nT | of the samples |
-    /// | `expected_gradients` | the same by gradients, nT | of the samples |
+    /// | `permutation` | increase of the mean square error against `target`, nT2 | over the repeats |
+    /// | `shapley` | mean absolute contribution to the prediction, nT | over the samples |
+    /// | `expected_gradients` | the same from gradients, nT | over the samples |
     /// | `pearson`, `spearman` | correlation with `target` | |
-    /// | `hard_thresholding` | coefficient of the standardised entry, nT; 0 for those left out | |
-    /// | `group_lasso` | size of an input's weights times its deviation on the line, 1 | of the networks of an ensemble |
+    /// | `hard_thresholding` | coefficient of the standardised entry, nT; 0 if it is not selected | |
+    /// | `group_lasso` | norm of an input's weights times its standard deviation on the line, 1 | over the ensemble |
     ///
-    /// Blocks of `block_s` are exchanged, never single samples, which would make noise of a slow signal; the mean of what the
-    /// model misses of the target does not count. `shapley` and
-    /// `expected_gradients` explain `samples` of the line against `background` samples of it, both evenly spread; Shapley
-    /// values of linear models and of trees are exact, others are sampled, with `error` as the mean standard error of a value
-    /// that is due to that. Samples without a value in an input or the target, and those that `where` leaves out, do not
-    /// count. A line that is too short is refused.
+    /// Blocks of `block_s` are exchanged instead of single samples, which would turn a slow signal into noise. The mean
+    /// of the model's error is ignored. `shapley` and `expected_gradients` explain `samples` samples of the line
+    /// against `background` samples of it, both evenly spaced. Shapley values of linear models and of trees are exact.
+    /// Others are sampled, and `error` is the mean standard error of a value from the sampling. Samples that `where`
+    /// omits, or that lack an input or the target, are ignored. A line that is too short is rejected.
     ///
-    /// Of `shapley` and `expected_gradients` the lists `sample_values` and `sample_inputs` hold `kept_samples` of the samples: the
-    /// part of the prediction, and the value of the input, NaN of a group of several. The report draws them as the
-    /// beeswarm of the SHAP package, of all lines together.
+    /// For `shapley` and `expected_gradients`, the lists `sample_values` and `sample_inputs` hold `kept_samples` of the
+    /// samples: the contribution to the prediction, and the value of the input. The input is NaN for a group of
+    /// several. The report draws them for all lines together, like the beeswarm plot of the SHAP package.
     ///
-    /// By how much the error grows when an input is dropped and the model refitted is a sweep: an axis of all subsets that lack
-    /// one at most, `{ subsets_of = [...], at_least = n - 1 }`, as `entries` or `inputs` of the fit; a sweep over `seed` of the fit
-    /// gives the spread over seeds.
+    /// The increase of the error when an input is dropped and the model is refitted is a sweep. It uses an axis of all
+    /// subsets that lack at most one input, `{ subsets_of = [...], at_least = n - 1 }`, as `entries` or `inputs` of the
+    /// fit. A sweep over `seed` of the fit gives the spread over seeds.
     ///
-    /// Source: Breiman 2001; Lundberg & Lee 2017; Lundberg et al. 2020; Erion et al. 2021; Blumensath & Davies 2010; thesis 000,
-    /// section 4.3 and (4.10).
+    /// Source: Breiman 2001; Lundberg & Lee 2017; Lundberg et al. 2020; Erion et al. 2021; Blumensath & Davies 2010;
+    /// thesis 000, section 4.3 and (4.10).
     Importance = "importance", version 2, grain Line, yields Scores, inputs [input: Lines, model: Model],
     example r#"
 [[stages]]
@@ -106,28 +104,28 @@ model   = "fit"
 target  = "mag_4_uc"
 block_s = 1.0
 "#;
-    /// What the model was fitted to explain, such as `mag_4_uc`.
+    /// Target of the fitted model, such as `mag_4_uc`.
     target: String, unit "nT";
-    /// How it is found.
+    /// Method that computes the importance.
     method: Method, unit "", default Method::Permutation;
-    /// Entries that are one group: their name, or what their names have before a `_`, such as `TL_A_flux_a`.
+    /// Groups of entries: each a name, or a prefix of names before a `_`, such as `TL_A_flux_a`.
     groups: Vec<String>, unit "", default Vec::<String>::new();
-    /// The length of the blocks that are exchanged: longer than the target and the inputs take to change.
+    /// Length of the exchanged blocks. It must exceed the correlation time of the target and the inputs.
     block_s: f64, unit "s", default 30.0, rule Rule::Positive;
-    /// How often they are exchanged.
+    /// Number of repeats of the exchange.
     repeats: usize, unit "1", default 10usize, rule Rule::Between(1.0, 10_000.0);
-    /// How many samples of a line are explained.
+    /// Number of samples of a line that are explained.
     samples: usize, unit "samples", default 200usize, rule Rule::Between(2.0, 1e6);
-    /// How many samples they are compared with.
+    /// Number of background samples.
     background: usize, unit "samples", default 50usize, rule Rule::Between(1.0, 1e5);
-    /// How many orders of the groups, each with its reverse, are drawn for each sample and background sample; so many times
-    /// `background` points have a gradient.
+    /// Number of random orders of the groups, each with its reverse, for each sample and background sample. For
+    /// expected gradients: the factor of `background` that gives the number of gradients.
     draws: usize, unit "1", default 2usize, rule Rule::Between(2.0, 1e5);
-    /// How many of the explained samples are kept one by one, evenly spread; 0 keeps none.
+    /// Number of explained samples whose values are stored, evenly spaced. 0 stores none.
     kept_samples: usize, unit "samples", default 100usize, rule Rule::Between(0.0, 10_000.0);
-    /// How many entries the linear model of `hard_thresholding` has.
+    /// Number of entries of the linear model of `hard_thresholding`.
     terms: usize, unit "1", default 10usize, rule Rule::Between(1.0, 10_000.0);
-    /// The seed of what is drawn.
+    /// Seed of the random draws.
     seed: usize, unit "", default 0usize;
 }
 
@@ -142,12 +140,14 @@ impl Stage for Importance {
             return Err(vec![Fault::new("`model` is not a model table").of_param("model")]);
         };
         if shape.get("term").is_none() {
-            return Err(vec![Fault::new("`model` has no terms").help("name the table of a `fit`").of_param("model")]);
+            return Err(vec![
+                Fault::new("`model` has no column `term`").help("name the table of a `fit`").of_param("model"),
+            ]);
         }
         let mut faults = faults_of([lines.number(&self.target, "nT")], "target");
         for feature in features {
             if let Err(fault) = lines.need(feature) {
-                let what = format!("the model was fitted on `{feature}`, and {}", fault.what);
+                let what = format!("the model was fitted with `{feature}`, but {}", fault.what);
                 faults.push(Fault { what, ..fault }.of_param("input"));
             }
         }
@@ -164,19 +164,23 @@ impl Stage for Importance {
         let mut columns = vec![
             made(Column::text("flight", "flight identifier").role(Role::Key)),
             made(Column::text("line", "line identifier").role(Role::Key)),
-            made(Column::text("method", "how it was found").role(Role::Key)),
-            made(Column::text("group", "the group of inputs, or the input").role(Role::Key)),
-            made(Column::float("value", "", "how much it matters")),
-            made(Column::float("spread", "", "standard deviation behind a mean; null of a correlation")),
-            made(Column::float("error", "", "standard error of a sample's value that is due to sampling")),
-            made(Column::text("unit", "the unit of these")),
-            made(Column::integer("n", "", "repeats, samples or networks behind it")),
+            made(Column::text("method", "method").role(Role::Key)),
+            made(Column::text("group", "group of inputs, or input").role(Role::Key)),
+            made(Column::float("value", "", "importance of the group")),
+            made(Column::float("spread", "", "standard deviation of the averaged values; null for a correlation")),
+            made(Column::float("error", "", "standard error of a sample's value from random sampling")),
+            made(Column::text("unit", "unit of value, spread and error")),
+            made(Column::integer("n", "", "number of repeats, samples or networks used")),
         ];
         if let Some(kept) = self.kept() {
             let names = || (1..=kept).map(|sample| sample.to_string()).collect();
             let of = |name: &str, unit: &str, what: &str| made(Column::list(name, unit, what, names()));
-            columns.push(of("sample_values", "nT", "part of the prediction of some samples"));
-            columns.push(of("sample_inputs", "", "the input of these samples, in its unit; NaN of a group of several"));
+            columns.push(of("sample_values", "nT", "contribution to the prediction, for some samples"));
+            columns.push(of(
+                "sample_inputs",
+                "",
+                "value of the input for these samples, in its unit; NaN for a group of several",
+            ));
         }
         let mut yields = Yield::append(columns, &reads);
         yields.passes = Passes::None;
@@ -204,9 +208,9 @@ impl LineStage for Importance {
 
     fn prepare(&self, inputs: &[RecordBatch]) -> Result<Fitted, Fault> {
         let fitted = Fitted::read(inputs.get(1).ok_or_else(|| Fault::data("the model is missing"))?, &[])?;
-        // Samples are exchanged one by one, without those before them.
+        // Samples are exchanged individually, without their predecessors.
         if matches!(&fitted.body, Body::Learned(learned) if learned.sees_a_window()) {
-            let what = "the model sees a window of samples, and importance is of models that see one at a time";
+            let what = "the model uses a window of samples, but `importance` requires a model of single samples";
             return Err(Fault::data(what).of_param("model"));
         }
         Ok(fitted)
@@ -242,7 +246,7 @@ impl LineStage for Importance {
 }
 
 impl Importance {
-    /// The length of the lists of samples.
+    /// Length of the lists of samples.
     fn kept(&self) -> Option<usize> {
         let kept = self.kept_samples.min(self.samples);
         (self.method.explains_samples() && kept > 0).then_some(kept)

@@ -273,7 +273,7 @@ mod tests {
         let (lags, product) = found(&lag(&["dead", "mag_2_uc"]), &[flown(0.06, 0.0)]);
         assert!(lags[0].is_nan() && (lags[1] - 0.06).abs() < 1e-4);
         assert_eq!(product.warnings.len(), 1);
-        assert!(product.warnings[0].contains("line 1.01: `dead` has no lag: one of the signals does not vary"));
+        assert!(product.warnings[0].contains("line 1.01: `dead` has no lag: one of the signals is constant"));
         let far = LagStage { most_s: 0.2, ..lag(&["mag_2_uc"]) };
         assert!(found(&far, &[flown(0.5, 0.0)]).0[0].is_nan());
     }

@@ -1,4 +1,4 @@
-//! Makes a map of survey points.
+//! Makes a map from survey points.
 
 mod gather;
 mod points;
@@ -26,47 +26,45 @@ use crate::{
 };
 
 choice! {
-    /// How a surface is made of points.
+    /// Method that makes a surface from points.
     pub enum Surface {
-        /// A layer of sources below the points that makes the same field: a potential field, at any height.
+        /// Equivalent sources below the points: a potential field at any height.
         EquivalentSources = "equivalent_sources",
-        /// The surface of minimum curvature, at the heights flown.
+        /// Minimum curvature at the heights flown.
         MinimumCurvature = "minimum_curvature",
     }
 }
 
 choice! {
-    /// Where the core field comes from that is taken off.
+    /// Source of the core field that is subtracted.
     pub enum Core {
-        /// It is not taken off.
+        /// No core field is subtracted.
         None = "none",
         /// IGRF-14.
         Igrf = "igrf",
-        /// The World Magnetic Model.
+        /// World Magnetic Model.
         Wmm = "wmm",
-        /// The column `igrf`.
+        /// Column `igrf`.
         Column = "column",
     }
 }
 
 stage! {
-    /// Grids survey lines to a map: takes the core field and the diurnal variation off, levels the lines where they
-    /// cross, leaves outliers out, and makes a surface through what remains.
+    /// Grids survey lines to a map. It subtracts the core field and the diurnal variation, levels the lines at their
+    /// crossings, removes outliers, and fits a surface.
     ///
-    /// Use it to make the map that is navigated on from the survey it came of, with the lines that `where` selects.
-    /// `equivalent_sources` gives a potential field on a level, above all points where it is not told otherwise, and
-    /// can be continued; `minimum_curvature` interpolates at the heights flown and needs none. Lines are levelled here,
-    /// not by a stage of their own, because their crossings are found among the very points that are gridded, on the
-    /// plane of the map and after the reduction. A map made of the lines that are then navigated on is known to the
-    /// filter: select other lines for it.
+    /// Use it to make a navigation map from a survey, with the lines that `where` selects. `equivalent_sources` gives a
+    /// potential field on a level, by default at the highest point, which can be continued. `minimum_curvature`
+    /// interpolates at the heights flown and requires no heights. Levelling is part of this stage because crossings are
+    /// found among the gridded points, on the plane of the map and after the reduction. Do not grid the lines that are
+    /// navigated: the filter would then know the field along them.
     ///
-    /// Points without a position, a value or, for equivalent sources, a height are left out; so are duplicates,
-    /// outliers along a line, points far from all others, and lines of fewer than five points. It refuses a level below
-    /// the points, a spacing wider than the area, levelling of lines that do not cross, and the core field of points
-    /// without a date.
+    /// These points are omitted: points without a position, a value or, for equivalent sources, a height; duplicates;
+    /// outliers along a line; points far from all others; and lines of fewer than five points. These inputs are
+    /// rejected: a level below the points, a spacing wider than the area, levelling of lines that do not cross, and a
+    /// core field for points without a date.
     ///
-    /// With `cross_validate` every line is predicted from others; the column `error` then holds the error to be
-    /// expected at each node.
+    /// `cross_validate` predicts every line from others. The column `error` then holds the expected error of each node.
     ///
     /// Source: Soler and Uieda 2021, "Gradient-boosted equivalent sources"; Briggs 1974, Smith and Wessel 1990 (minimum
     /// curvature with tension); Luyendyk 1997, "Processing of airborne magnetic data" (levelling).
@@ -80,84 +78,82 @@ value     = "mag_1_c"
 spacing_m = 200.0
 level_m   = 300.0
 "#;
-    /// The column of the values.
+    /// Column of the values.
     value: String, unit "nT", default "anomaly";
-    /// The magnitude of the core field that is taken off: of IGRF-14, the World Magnetic Model, or the column `igrf`.
+    /// Core field to subtract: magnitude of IGRF-14, of the World Magnetic Model, or the column `igrf`.
     core_field: Core, unit "", default Core::None;
-    /// The date of the core field, in place of the points' own.
-    decimal_year: Option<f64>, unit "a", absent "the points' own date, of `year`, `doy` and `tt`", rule Rule::Between(1900.0, 2030.0);
-    /// Takes the column `diurnal` off.
+    /// Date of the core field, instead of the date of each point.
+    decimal_year: Option<f64>, unit "a", absent "the date of each point, from `year`, `doy` and `tt`", rule Rule::Between(1900.0, 2030.0);
+    /// Subtracts the column `diurnal`.
     remove_diurnal: bool, unit "", default false;
-    /// Levels the lines by their crossings: with a constant for each line (0), a linear correction (1), and so on.
-    level_order: Option<usize>, unit "", absent "the lines are not levelled", rule Rule::Between(0.0, 8.0);
-    /// Lines count as crossing where their heights differ by no more than this.
+    /// Order of the levelling correction of each line: 0 for a constant, 1 for a linear correction, and so on.
+    level_order: Option<usize>, unit "", absent "no levelling", rule Rule::Between(0.0, 8.0);
+    /// Largest height difference of two lines at a crossing.
     crossing_height_m: f64, unit "m", default 50.0, rule Rule::NotNegative;
-    /// How the surface between the points is made.
+    /// Method that makes the surface between the points.
     method: Surface, unit "", default Surface::EquivalentSources;
-    /// The distance between nodes.
+    /// Distance between nodes.
     spacing_m: Option<f64>, unit "m", absent "half the distance between lines", rule Rule::Positive;
-    /// The height of the map above the ellipsoid, for equivalent sources.
+    /// Height of the map above the WGS-84 ellipsoid, for equivalent sources.
     level_m: Option<f64>, unit "m", absent "the height of the highest point";
     /// Damping of the equivalent sources.
     damping: f64, unit "1", default 1.0, rule Rule::Positive;
     /// Tension of the minimum-curvature surface.
     tension: f64, unit "1", default 0.25, rule Rule::Between(0.0, 1.0);
-    /// West, south, east and north of the map: eastings and northings in metres.
+    /// West, south, east and north bound of the map: eastings and northings in metres.
     bounds: Option<Vec<f64>>, unit "m", absent "all points";
-    /// The side of the blocks that points are reduced to; 0 keeps every point.
+    /// Side of the blocks to which points are reduced. 0 keeps every point.
     block_m: Option<f64>, unit "m", absent "a quarter of the distance between lines, at most 200 m", rule Rule::NotNegative;
-    /// Leaves nodes unknown that are farther than this from any point; `inf` for none.
+    /// Leaves nodes unknown that are farther than this from any point. `inf` for no limit.
     mask_m: Option<f64>, unit "m", absent "twice the distance between lines";
-    /// Keeps points that stand out from their line, and those that are far from all others.
+    /// Keeps points that deviate from their line, and points far from all others.
     keep_outliers: bool, unit "", default false;
-    /// Leaves out every n-th line in turn and predicts it from the others.
-    cross_validate: Option<usize>, unit "1", absent "no line is left out", rule Rule::Between(2.0, 65535.0);
-    /// The EPSG code of the map's coordinate system.
-    to_epsg: Option<usize>, unit "", absent "that of the points, or their UTM zone", rule Rule::Between(1.0, 65535.0);
+    /// Omits every n-th line in turn and predicts it from the others.
+    cross_validate: Option<usize>, unit "1", absent "no cross-validation", rule Rule::Between(2.0, 65535.0);
+    /// EPSG code of the map's coordinate system.
+    to_epsg: Option<usize>, unit "", absent "the coordinate system of the points, or their UTM zone", rule Rule::Between(1.0, 65535.0);
 }
 
-/// A map of a survey.
+/// Map of a survey.
 pub struct Mapped {
     /// The map.
     pub map: AnomalyGrid,
-    /// The error to be expected at each node, in nT, where lines were left out in turn.
+    /// Expected error of each node, nT, if lines were omitted in turn.
     pub error: Option<AnomalyGrid>,
-    /// What gridding did.
+    /// Report of the gridding.
     pub report: GridReport,
-    /// What levelling did.
+    /// Report of the levelling.
     pub levelled: Option<Levelled>,
 }
 
 pub use points::without_far;
 
-/// Told what is done, how much of it, and of how much.
+/// Receives the current step, the amount done and the total.
 pub type Progress<'a> = gridding::Progress<'a>;
 
 impl MapGrid {
-    /// Refuses parameters that cannot be, whatever the points.
+    /// Rejects invalid parameters, independent of the points.
     ///
-    /// # Errors
-    /// The parameter and why.
+    /// # Errors The parameter and the reason.
     pub fn check(&self) -> Result<(), Fault> {
         gridding::check(&self.options()?).map_err(|e| refused(&e))?;
         let Some(code) = self.epsg()? else { return Ok(()) };
         let of_param = |fault: Fault| Fault { place: Place::default(), ..fault }.of_param("to_epsg");
         let crs = Crs::from_epsg(Path::new(""), code).map_err(|e| of_param(e.into()))?;
         match crs.is_geographic() {
-            true => Err(of_param(Fault::new(format!("EPSG:{code} has degrees, but a survey is gridded in metres")))),
+            true => Err(of_param(Fault::new(format!("EPSG:{code} is in degrees, but gridding requires metres")))),
             false => Ok(()),
         }
     }
 
-    /// The EPSG code of the map's coordinate system, where it is given.
+    /// EPSG code of the map's coordinate system, if given.
     ///
-    /// # Errors
-    /// What is no such code.
+    /// # Errors If there is no such code.
     pub fn epsg(&self) -> Result<Option<u16>, Fault> {
         epsg_of(self.to_epsg)
     }
 
-    /// Reduces, levels and grids points. Takes core field and levelling corrections off their values.
+    /// Reduces, levels and grids points. Subtracts core field and levelling corrections from their values.
     ///
     /// # Errors
     /// See [`MapGrid`].
@@ -192,8 +188,8 @@ impl MapGrid {
             return Err(Fault::data(what).help(help).of_param("spacing_m"));
         }
         if grid.unknown() == grid.values.len() {
-            let fault = Fault::data("no node of the map is near enough to a point");
-            return Err(fault.help("choose a larger `mask_m`, or `bounds` around the points").of_param("mask_m"));
+            let fault = Fault::data("no node of the map is within `mask_m` of a point");
+            return Err(fault.help("increase `mask_m`, or set `bounds` around the points").of_param("mask_m"));
         }
         let height = match report.level_m {
             Some(level_m) => Height::Level(level_m),
@@ -203,7 +199,7 @@ impl MapGrid {
         Ok(Mapped { map: points.grid(grid, height)?, error, report, levelled })
     }
 
-    /// Refuses a spacing that is wider than the area of the points.
+    /// Rejects a spacing that is wider than the area of the points.
     fn fits(&self, survey: gridding::SurveyPoints) -> Result<(), Fault> {
         let Some(spacing_m) = self.spacing_m else { return Ok(()) };
         let extent_m = |values: &[f64]| {
@@ -212,7 +208,7 @@ impl MapGrid {
             high - low
         };
         let (east_m, north_m) = (extent_m(survey.easting_m), extent_m(survey.northing_m));
-        // A line is as long as it is, and has no width; a point has neither.
+        // A line has a length but no width; a point has neither.
         if !(east_m > 0.0 || north_m > 0.0) || spacing_m < east_m.max(north_m) {
             return Ok(());
         }
@@ -235,7 +231,7 @@ impl MapGrid {
         if found.is_empty() {
             let what =
                 format!("no lines cross within {} m of height, so they cannot be levelled", self.crossing_height_m);
-            let help = "leave `level_order` out, or raise `crossing_height_m`";
+            let help = "remove `level_order`, or increase `crossing_height_m`";
             return Err(Fault::data(what).help(help).of_param("level_order"));
         }
         Ok(level_lines(survey, &found, &LevelOptions { order, ties: Some(ties), ..LevelOptions::default() }))
@@ -266,7 +262,7 @@ impl MapGrid {
         })
     }
 
-    /// The columns of lines that are read.
+    /// Columns of lines that are read.
     fn reads(&self) -> Vec<&str> {
         let mut reads = vec!["lat", "lon", "alt", self.value.as_str()];
         if self.remove_diurnal {
@@ -282,19 +278,19 @@ impl MapGrid {
         reads
     }
 
-    /// Faults of corrections that the values have had before.
+    /// Faults of corrections that the values have already had.
     fn corrections_twice(&self, shape: &Shape) -> Vec<Fault> {
         let value = std::slice::from_ref(&self.value);
-        let core = ("core_field", "say `core_field = \"none\"`");
+        let core = ("core_field", "set `core_field = \"none\"`");
         let again = [
             (Correction::Diurnal, self.remove_diurnal, REMOVE_DIURNAL),
             (Correction::Core, self.core_field != Core::None, core),
-            (Correction::Levelling, self.level_order.is_some(), ("level_order", "leave `level_order` out")),
+            (Correction::Levelling, self.level_order.is_some(), ("level_order", "remove `level_order`")),
         ];
         again.into_iter().filter_map(|(which, asked, key)| twice(shape, value, which, Some(asked), key)).collect()
     }
 
-    /// What is wrong with the columns of the lines.
+    /// Faults of the columns of the lines.
     fn missing(&self, shape: &Shape) -> Vec<Fault> {
         let mut faults: Vec<Fault> = [("lat", "deg"), ("lon", "deg"), ("alt", "m")]
             .into_iter()
@@ -314,7 +310,11 @@ impl MapGrid {
                 });
                 if !dated {
                     let what = "the core field needs a date, but the points have no `year` and `doy`";
-                    faults.push(Fault::new(what).help("say `decimal_year`, such as 1990.5").of_param("core_field"));
+                    faults.push(
+                        Fault::new(what)
+                            .help("set `decimal_year`, such as `decimal_year = 1990.5`")
+                            .of_param("core_field"),
+                    );
                 }
             }
             Core::None | Core::Igrf | Core::Wmm => {}
@@ -323,7 +323,7 @@ impl MapGrid {
     }
 }
 
-/// The points, at these heights where they are given.
+/// The points, at these heights if given.
 fn survey_at<'a>(
     points: &'a SurveyPoints,
     line: &'a [usize],
@@ -333,26 +333,26 @@ fn survey_at<'a>(
     gridding::SurveyPoints { height_m: height_m.unwrap_or(survey.height_m), ..survey }
 }
 
-/// The note on a map of points without heights.
-pub const NO_HEIGHTS: &str = "the points have no heights, so that of the map is unknown: set `alt_m` where it is used";
+/// Note on a map from points without heights.
+pub const NO_HEIGHTS: &str =
+    "the points have no heights, so the height of the map is unknown; set `alt_m` where the map is used";
 
-/// The EPSG code of a parameter `to_epsg`.
+/// EPSG code of the parameter `to_epsg`.
 ///
-/// # Errors
-/// What is no such code.
+/// # Errors If there is no such code.
 pub(crate) fn epsg_of(to_epsg: Option<usize>) -> Result<Option<u16>, Fault> {
     let wrong = |code: usize| Fault::new(format!("there is no EPSG code {code}")).of_param("to_epsg");
     to_epsg.map(|code| u16::try_from(code).map_err(|_| wrong(code))).transpose()
 }
 
-/// What the options or the points do not allow, and the way out.
+/// Fault of invalid options or points, with its remedy.
 fn refused(error: &GridError) -> Fault {
     match error {
         GridError::BelowSources { lowest_m, .. } => {
             let lowest_m = lowest_m.ceil();
-            let help = "or leave `level_m` out for the height of the highest point";
+            let help = "or remove `level_m` to use the height of the highest point";
             let fault = Fault::data(error.to_string()).of_param("level_m");
-            fault.help(format!("say `level_m = {lowest_m:.0}` or higher, {help}"))
+            fault.help(format!("set `level_m = {lowest_m:.0}` or higher, {help}"))
         }
         GridError::Option { name, .. } => Fault::new(error.to_string()).of_param(name),
         GridError::NoPoints | GridError::Lengths { .. } | GridError::NotFinite { .. } | GridError::TooLarge { .. } => {
@@ -361,7 +361,7 @@ fn refused(error: &GridError) -> Fault {
     }
 }
 
-/// The heights flown at each node, where the surface is at these.
+/// Heights flown at each node, if the surface is at these heights.
 fn flown(points: &SurveyPoints, line: &[usize], grid: &PlaneGrid, progress: Progress) -> Result<Height, Fault> {
     if points.height_m.iter().all(|h| !h.is_finite()) {
         return Ok(Height::Level(f64::NAN));
@@ -396,8 +396,8 @@ impl Stage for MapGrid {
 
     fn idle(&self, key: &str) -> Option<Fault> {
         let of = |param: &str, word: &str| {
-            let fault = Fault::new(format!("`{key}` has a say only with `{param} = {word}`"));
-            Some(fault.help(format!("leave `{key}` out, or say `{param} = {word}`")))
+            let fault = Fault::new(format!("`{key}` has no effect without `{param} = {word}`"));
+            Some(fault.help(format!("remove `{key}`, or set `{param} = {word}`")))
         };
         match (key, self.method, self.core_field) {
             ("tension", Surface::EquivalentSources, _) => of("method", "\"minimum_curvature\""),
@@ -417,7 +417,7 @@ impl SurveyStage for MapGrid {
     }
 }
 
-/// The columns of a map that a survey yields.
+/// Columns of a map that a survey makes.
 fn columns(mapped: &Mapped) -> Result<Vec<ArrayRef>, Fault> {
     let mut columns = mapped.map.made()?;
     columns.extend(mapped.error.as_ref().map(|error| crate::columns::array(error.anomaly_nt.clone())));

@@ -73,7 +73,7 @@ pub fn check(expr: &Expr, schema: &DFSchema, subject: &str) -> Result<(), Fault>
     });
     visited.map_err(|e| Fault::new(format!("{subject} cannot be read: {e}")))?;
     found.map_or(Ok(()), |what| {
-        let fault = Fault::new(format!("{subject} has {what}, whose value may be too large for memory"));
+        let fault = Fault::new(format!("{subject} uses {what}, whose value may exceed the memory"));
         Err(fault.help("compare columns with values, or use functions of numbers"))
     })
 }
@@ -138,7 +138,7 @@ mod tests {
             "array_length(make_array(a, a))",
         ] {
             let said = read(sql).unwrap_err();
-            assert!(said.contains("too large for memory"), "{sql}: {said}");
+            assert!(said.contains("may exceed the memory"), "{sql}: {said}");
         }
         let many = vec!["line"; 40].join(" || ");
         assert!(read(&format!("length({many})")).unwrap_err().contains("concatenations"));

@@ -20,8 +20,8 @@ const BRACKETS: usize = 8;
 /// Fails when the text is too long, or there is no memory for the stack.
 pub fn over<T: Send>(sql: &str, work: impl FnOnce() -> T + Send) -> Result<T, Fault> {
     if sql.len() > LONGEST {
-        let what = format!("the SQL is {} bytes long; at most {LONGEST} can be read", sql.len());
-        return Err(Fault::new(what).help("many values are better kept in a table, or in files of their own"));
+        let what = format!("the SQL is {} bytes long; the limit is {LONGEST} bytes", sql.len());
+        return Err(Fault::new(what).help("put long lists of values into a table"));
     }
     let flat = sql.len() <= SHORT && sql.matches('(').count() <= BRACKETS;
     if flat { Ok(work()) } else { deep(work) }
@@ -79,7 +79,7 @@ impl Depth {
         if self.parts <= MOST_PARTS {
             return ControlFlow::Continue(());
         }
-        let fault = Fault::new(format!("the SQL has more than {MOST_PARTS} tables and queries in it"));
+        let fault = Fault::new(format!("the SQL has more than {MOST_PARTS} tables and queries; split it"));
         ControlFlow::Break(Box::new(fault.help("ask several questions")))
     }
 }

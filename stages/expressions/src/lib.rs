@@ -192,12 +192,12 @@ impl Expression {
     /// Fails as [`Expression::evaluate`], and where its values are no numbers.
     pub fn numbers(&self, batch: &RecordBatch) -> Result<Vec<f64>, Fault> {
         let array = arrow_cast::cast(&self.evaluate(batch)?, &DataType::Float64);
-        let array = array.map_err(|e| Fault::data(format!("{} gives no numbers: {e}", self.subject)))?;
+        let array = array.map_err(|e| Fault::data(format!("{} does not give numbers: {e}", self.subject)))?;
         let numbers = array.as_primitive::<Float64Type>().iter();
         Ok(numbers.map(|x| x.filter(|x| x.is_finite()).unwrap_or(f64::NAN)).collect())
     }
 
-    /// Where it is true; where it is unknown it is not.
+    /// Rows for which the expression is true. An unknown value counts as false.
     ///
     /// # Errors
     /// Fails as [`Expression::evaluate`], and where its values are not true or false.
@@ -256,14 +256,14 @@ fn real_division(expr: Expr) -> Result<Expr, DataFusionError> {
     expr.transform_up(one).map(|t| t.data)
 }
 
-/// How deep `greatest` and `least` may stand inside of each other: each level doubles the expression.
+/// Maximum nesting depth of `greatest` and `least`, because each level doubles the expression.
 const MOST_EXTREMES: usize = 8;
 
 fn is_extreme(expr: &Expr) -> bool {
     matches!(expr, Expr::ScalarFunction(f) if matches!(f.name(), "greatest" | "least"))
 }
 
-/// How deep `greatest` and `least` stand inside of each other. The expression is not nested deep.
+/// Nesting depth of `greatest` and `least`. The expression itself has a limited depth.
 fn extremes_deep(expr: &Expr) -> usize {
     let mut inside = 0;
     // The visit itself cannot fail.
@@ -385,9 +385,9 @@ mod tests {
     #[test]
     fn unit_what_is_no_function_of_the_row_is_refused_by_its_name() {
         let said = |sql: &str| Expression::new(sql, &shape(), "`x`").unwrap_err().to_string();
-        assert!(said("a * random()").contains("`random()` gives another answer each time"));
-        assert!(said("a - avg(a)").contains("`x` sees one at a time"));
-        assert!(said("a - (select 1)").contains("a query inside of `x`"));
+        assert!(said("a * random()").contains("`random()` gives a different value each time"));
+        assert!(said("a - avg(a)").contains("`x` is evaluated row by row"));
+        assert!(said("a - (select 1)").contains("`x` cannot contain a query"));
         assert!(said("aa + 1").contains("there is no column `aa`"));
         assert!(said("a +").contains("`x` cannot be read"));
         assert!(said(&format!("a {}", "+ 1 ".repeat(9_000))).contains("nested"));

@@ -30,32 +30,32 @@ pub fn check(expr: &Expr, subject: &str) -> Result<(), Fault> {
 
 fn objection(expr: &Expr, subject: &str) -> Option<Fault> {
     let rows = |name: &str| {
-        let fault = Fault::new(format!("`{name}` needs several rows, and {subject} sees one at a time"));
+        let fault = Fault::new(format!("`{name}` requires several rows, but {subject} is evaluated row by row"));
         Some(fault.help("compare columns of the row with values"))
     };
     match expr {
         Expr::ScalarFunction(f) => match f.func.signature().volatility {
             Volatility::Immutable => None,
             Volatility::Stable | Volatility::Volatile => {
-                let fault = Fault::new(format!("`{}()` gives another answer each time", f.name()));
-                let help = format!("{subject} depends on the row alone, so that the same spec has the same answer");
+                let fault = Fault::new(format!("`{}()` gives a different value each time", f.name()));
+                let help = format!("{subject} must depend on the row alone, so that a spec is reproducible");
                 Some(fault.help(help))
             }
         },
         Expr::AggregateFunction(f) => rows(f.func.name()),
         Expr::WindowFunction(f) => rows(f.fun.name()),
         Expr::Exists(_) | Expr::InSubquery(_) | Expr::SetComparison(_) | Expr::ScalarSubquery(_) => {
-            let fault = Fault::new(format!("a query inside of {subject} cannot be answered"));
+            let fault = Fault::new(format!("{subject} cannot contain a query"));
             let values = "write the values out: `line in ('1003.02', '1003.04')`";
-            Some(fault.help(format!("{subject} sees one row of one table; {values}")))
+            Some(fault.help(format!("{subject} is evaluated on one row of one table; {values}")))
         }
-        Expr::ScalarVariable(..) | Expr::Placeholder(_) => {
-            Some(Fault::new(format!("{subject} has no variables")).help("`\"$axis\"` puts in the value of an axis"))
-        }
+        Expr::ScalarVariable(..) | Expr::Placeholder(_) => Some(
+            Fault::new(format!("{subject} cannot use variables")).help("write `\"$axis\"` to use the value of an axis"),
+        ),
         #[expect(deprecated)]
         Expr::Wildcard { .. } => Some(Fault::new(format!("`*` has no meaning in {subject}"))),
         Expr::GroupingSet(_) | Expr::Unnest(_) | Expr::OuterReferenceColumn(..) => {
-            Some(Fault::new(format!("{subject} sees one row of one table")))
+            Some(Fault::new(format!("{subject} is evaluated on one row of one table")))
         }
         Expr::Alias(_)
         | Expr::Column(_)

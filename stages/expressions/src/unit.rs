@@ -3,7 +3,7 @@
 use datafusion::logical_expr::{BinaryExpr, Expr, Operator};
 use schemas::{Fault, Shape};
 
-/// What is known of the unit of an expression.
+/// Unit of an expression, as far as it can be inferred.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Unit {
     /// Numbers alone, which have any.
@@ -96,8 +96,8 @@ fn together(first: Unit, other: Unit, second: &Expr) -> Result<Unit, Fault> {
         (Unit::Any, unit) | (unit, Unit::Any) => unit,
         (Unit::Of(a), Unit::Of(b)) if a == b => Unit::Of(a),
         (Unit::Of(a), Unit::Of(b)) if !a.is_empty() && !b.is_empty() => {
-            let what = format!("`{second}` is in {b}, and what it is added to or compared with in {a}");
-            return Err(Fault::new(what).help("bring them to one unit by a factor, such as `0.3048 * x`"));
+            let what = format!("`{second}` is in {b}, but it is added to or compared with a value in {a}");
+            return Err(Fault::new(what).help("convert one of them by a factor, such as `0.3048 * x`"));
         }
         (Unit::Scaled(a) | Unit::Of(a), Unit::Scaled(b) | Unit::Of(b)) if a == b => Unit::Scaled(a),
         (Unit::Of(_) | Unit::Scaled(_) | Unit::Unknown, Unit::Of(_) | Unit::Scaled(_) | Unit::Unknown) => Unit::Unknown,

@@ -1,4 +1,4 @@
-//! Which inputs matter to a model, by methods that see no more of it than its predictions or derivatives.
+//! Importance of the inputs of a model, by methods that use only its predictions or derivatives.
 //!
 //! | Item | What it tells of a group of columns |
 //! |:--|:--|
@@ -76,7 +76,7 @@ pub enum ImportanceError<E = Infallible> {
     #[error("{0}")]
     Model(E),
     /// The model does not return what it should for the rows that it is given.
-    #[error("the model returns {given} numbers, but {expected} are needed")]
+    #[error("the model returns {given} numbers, but {expected} are required")]
     Answer {
         /// The number of numbers.
         given: usize,

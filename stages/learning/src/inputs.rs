@@ -13,17 +13,17 @@ pub(crate) const LEAST_DEVIATION: f64 = 1e-12;
 /// A component whose deviation is below this part of the largest holds nothing but rounding.
 pub(crate) const LEAST_COMPONENT: f64 = 1e-7;
 
-/// Why columns are no inputs.
+/// Error of columns that cannot be inputs.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum InputsError {
     /// There are too few rows for a deviation.
-    #[error("inputs are standardised by at least two rows, but there are {rows}")]
+    #[error("standardising the inputs requires at least two rows, but there are {rows}")]
     TooFewRows {
         /// The number of rows.
         rows: usize,
     },
     /// The values are no whole number of rows.
-    #[error("{given} values are no rows of {width} columns")]
+    #[error("{given} values cannot be rows of {width} columns")]
     Shape {
         /// The number of values.
         given: usize,
@@ -31,7 +31,7 @@ pub enum InputsError {
         width: usize,
     },
     /// A value is NaN or infinite.
-    #[error("the value of input column {column} in row {row} (both from 0) is not finite: leave such rows out")]
+    #[error("the value of input column {column} in row {row} (both from 0) is not finite; remove such rows")]
     NotFinite {
         /// The row, from 0.
         row: usize,
@@ -39,19 +39,17 @@ pub enum InputsError {
         column: usize,
     },
     /// Columns are the same in every row.
-    #[error(
-        "input columns {columns:?} (from 0) are the same in every row, which does not tell what they do: leave them out"
-    )]
+    #[error("input columns {columns:?} (from 0) are constant; remove them")]
     Constant {
         /// The columns, from 0.
         columns: Vec<usize>,
     },
     /// The number of components, or the part of the variance, is out of range.
     #[error(
-        "components are a number of 1 to {width}, or a part of the variance between 0 and 1, but {given} is asked for"
+        "the number of components must be 1 to {width}, or a fraction of the variance between 0 and 1, but is {given}"
     )]
     Keep {
-        /// What was asked for.
+        /// Requested value.
         given: f64,
         /// The number of columns.
         width: usize,

@@ -1,12 +1,12 @@
-//! What is checked of rows and settings before anything is computed from them.
+//! Checks of rows and settings before any computation.
 
-/// What is wrong with rows or with a setting.
+/// Error of rows or of a setting.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum RowsError {
     /// A slice has not as many entries as its rows and columns say.
-    #[error("{what} has {given} entries, but {expected} are needed")]
+    #[error("{what} has {given} entries, but {expected} are required")]
     Shape {
-        /// Which argument.
+        /// Name of the argument.
         what: &'static str,
         /// The number of its entries.
         given: usize,
@@ -14,9 +14,9 @@ pub enum RowsError {
         expected: usize,
     },
     /// A value is NaN or infinite.
-    #[error("the value in row {row}, column {column} of {what} is not finite: leave such rows out")]
+    #[error("the value in row {row}, column {column} of {what} is not finite; remove such rows")]
     NotFinite {
-        /// Which argument.
+        /// Name of the argument.
         what: &'static str,
         /// The row, from 0.
         row: usize,
@@ -26,7 +26,7 @@ pub enum RowsError {
     /// There are no rows, or no columns.
     #[error("{what} has no values")]
     Empty {
-        /// Which argument.
+        /// Name of the argument.
         what: &'static str,
     },
     /// A setting is out of range.
@@ -34,7 +34,7 @@ pub enum RowsError {
     Setting {
         /// The setting.
         what: &'static str,
-        /// What it must be.
+        /// Permitted values.
         wanted: &'static str,
         /// The given value.
         given: f64,

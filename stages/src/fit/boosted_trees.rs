@@ -13,42 +13,42 @@ use super::{
 };
 use crate::trained::{self, Learned, list};
 
-/// Seconds between two states that are kept.
+/// Time between two saved states, s.
 const KEPT_EVERY_S: f64 = 1.0;
-/// A validation loss of so many times the training loss is said to overfit.
+/// Ratio of validation loss to training loss above which overfitting is reported.
 const OVERFITS: f64 = 4.0;
 
 model! {
-    /// Gradient-boosted regression trees of the features, on histograms of 256 bins, for squared errors. They take columns of
-    /// any scale, need little choosing, and are the first thing to compare a network with. They are constant beyond the
-    /// values that they were trained on, so that neither a drift nor an attitude that was not flown is followed.
+    /// Gradient-boosted regression trees of the features, on histograms of 256 bins, with squared loss. They accept
+    /// columns of any scale, require little tuning, and are a good baseline for networks. They are constant outside the
+    /// range of the training data, so they do not follow drifts or attitudes outside it.
     ///
-    /// Source: Friedman 2001; Chen & Guestrin 2016; Ke et al. 2017. scikit-learn's `HistGradientBoostingRegressor` has the same trees
-    /// where columns have up to 256 values.
+    /// Source: Friedman 2001; Chen & Guestrin 2016; Ke et al. 2017. scikit-learn's `HistGradientBoostingRegressor`
+    /// gives the same trees if columns have up to 256 values.
     BoostedTrees = "boosted_trees", version 1, scaling None, intercept true, made of Samples, choose [Given], takes [],
     example "trees = 20";
-    /// The inputs of the trees: entries of the features, by their names or what several names have before a `_`.
+    /// Inputs of the trees: entries of the features, by name or by a prefix of several names before a `_`.
     inputs: Option<Vec<String>>, unit "", absent "all features";
-    /// How many trees at most.
+    /// Maximum number of trees.
     trees: usize, unit "1", default 200usize, rule Rule::Between(1.0, 100_000.0);
-    /// What each tree is multiplied by, often called the learning rate. Half of it needs twice as many trees.
+    /// Factor applied to each tree, often called the learning rate. Half of it requires twice as many trees.
     shrinkage: f64, unit "1", default 0.1, rule Rule::Between(1e-6, 1.0);
-    /// Leaves of a tree at most.
+    /// Maximum number of leaves of a tree.
     leaves: usize, unit "1", default 31usize, rule Rule::Between(2.0, 65_536.0);
-    /// Splits on the way to a leaf at most.
-    depth: Option<usize>, unit "1", absent "no limit but `leaves`", rule Rule::Positive;
-    /// The least number of samples of a leaf.
+    /// Maximum number of splits above a leaf.
+    depth: Option<usize>, unit "1", absent "limited by `leaves` only", rule Rule::Positive;
+    /// Minimum number of samples of a leaf.
     leaf_samples: usize, unit "samples", default 20usize, rule Rule::Positive;
-    /// What is added to the number of samples of a leaf where its value is found: it shrinks small leaves.
+    /// L2 penalty: added to the number of samples of a leaf when its value is computed. It shrinks small leaves.
     leaf_l2: f64, unit "samples", default 0.0, rule Rule::NotNegative;
-    /// The part of the samples that each tree sees.
+    /// Fraction of the samples used for each tree.
     subsample: f64, unit "1", default 1.0, rule Rule::Between(1e-3, 1.0);
-    /// Lines (`1003.08` or `1003/1003.08`) or whole flights that are not trained on: the number of trees with the smallest
-    /// loss on them is taken.
+    /// Lines (`1003.08` or `1003/1003.08`) or whole flights kept for validation. The number of trees with the smallest
+    /// validation loss is used.
     validation: Vec<String>, unit "", default Vec::<String>::new();
-    /// Trees without a smaller validation loss after which the training ends.
+    /// Number of trees without a smaller validation loss after which training ends.
     patience: Option<usize>, unit "1", absent "all trees are trained", rule Rule::Positive;
-    /// The seed of which samples each tree sees.
+    /// Seed of the subsample of each tree.
     seed: usize, unit "", default 0usize;
 }
 
@@ -63,7 +63,7 @@ impl FitModel for BoostedTrees {
         let (x, y) = (samples.columns(&at, &train), samples.target(&train));
         let ahead = (samples.columns(&at, &validate), samples.target(&validate));
         let ahead = (!ahead.1.is_empty()).then_some((ahead.0.as_slice(), ahead.1.as_slice()));
-        // What an earlier run of the same training left; of anything else it begins anew.
+        // Resumes from the state of an interrupted run of the same training. Any other state is ignored.
         let begun = work.kept().and_then(|bytes| trees_from_bytes(&bytes)).unwrap_or_default();
         let (mut stopped, mut kept, known) = (None, None::<Instant>, begun.len());
         let mut each = |trees: &[Tree], train: f64, validation: f64| {
@@ -100,13 +100,13 @@ impl FitModel for BoostedTrees {
 
     fn faults(&self, _: &Settings) -> Vec<Fault> {
         let alone = self.patience.is_some() && self.validation.is_empty();
-        let what = "it needs lines or flights to validate with: name them in `validation`";
+        let what = "this requires validation data; name lines or flights in `validation`";
         alone.then(|| Fault::new(what).of_param("patience")).into_iter().collect()
     }
 
     fn idle(&self, key: &str) -> Option<Fault> {
         let whole = key == "seed" && self.subsample >= 1.0;
-        whole.then(|| Fault::new("`seed` has no effect without `subsample`: every tree sees all samples"))
+        whole.then(|| Fault::new("`seed` has no effect without `subsample`, because every tree uses all samples"))
     }
 }
 
@@ -139,13 +139,11 @@ impl BoostedTrees {
         };
         let mut all = vec![];
         if validation.is_finite() && boosted.best == self.trees {
-            all.push("the validation loss still fell at the last tree: more `trees` would do better".to_owned());
+            all.push("the validation loss was still falling at the last tree; increase `trees`".to_owned());
         }
         if *validation > OVERFITS * train {
             let ratio = validation / train;
-            all.push(format!(
-                "the loss on the lines of `validation` is {ratio:.1} times that of the training: the trees overfit"
-            ));
+            all.push(format!("the validation loss is {ratio:.1} times the training loss; the trees overfit"));
         }
         all.join("; ")
     }

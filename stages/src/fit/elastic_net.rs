@@ -14,17 +14,17 @@ use super::{
 };
 use crate::columns::data;
 
-/// Values on a path of the elastic net, and its smallest as a part of its largest.
+/// Number of values on the path of the elastic net, and the ratio of its smallest to its largest value.
 const PATH: (usize, f64) = (100, 1e-4);
 
 model! {
-    /// Minimises \|y - A b\|^2 / 2n + `lambda` (r \|b\|_1 + (1 - r) \|b\|^2 / 2) of standardised columns, r being `l1_ratio`:
-    /// coefficients that are worth less than their penalty are exactly 0.
+    /// Minimises \|y - A b\|^2 / 2n + `lambda` (r \|b\|_1 + (1 - r) \|b\|^2 / 2) of standardised columns, where r is
+    /// `l1_ratio`. Coefficients that reduce the error by less than their penalty are exactly 0.
     ///
     /// Source: Zou and Hastie 2005; thesis 000, (3.19) to (3.43).
     ElasticNet = "elastic_net", version 1, scaling Standardise, intercept true, made of Moments,
     choose [Given, LeaveOneLineOut, LeaveOneFlightOut], takes [one_standard_error, whiten], groups [penalty: Penalty], example "lambda = 0.025";
-    /// The part of the penalty that is on absolute values.
+    /// Fraction of the penalty on absolute values.
     l1_ratio: f64, unit "1", default 0.99, rule Rule::Between(0.0, 1.0);
 }
 

@@ -1,4 +1,4 @@
-//! The network of thesis 004 beside the extended model of Tolles and Lawson.
+//! Network of thesis 004 combined with the extended Tolles-Lawson model.
 
 use learning::network::Form;
 
@@ -8,7 +8,7 @@ use super::{
 };
 
 model! {
-    /// As `tlnn`, of what the extended model leaves: all features are linear terms where `linear` does not name them.
+    /// The model `tlnn` with the extended Tolles-Lawson model: by default all features are linear terms.
     ///
     /// Source: thesis 004, section 4.4.2 and Table 4.7.
     ExtendedTollesLawsonNetwork = "etlnn", version 1, scaling Standardise, intercept true, made of Samples, choose [Given], takes [whiten],

@@ -1,4 +1,4 @@
-//! The extended model of Tolles and Lawson: the ridge, of the terms of currents and voltages as well.
+//! The extended Tolles-Lawson model: a ridge with terms of currents and voltages.
 
 use super::{
     model::model,
@@ -6,8 +6,8 @@ use super::{
 };
 
 model! {
-    /// The ridge of standardised columns, by the name that thesis 004 gives it with the terms of currents and voltages
-    /// among its features, which `features` makes.
+    /// Ridge of standardised columns, with the name that thesis 004 uses. Its features include terms of currents and
+    /// voltages, which `features` computes.
     ///
     /// Source: thesis 004, sections 2.2 to 2.4 and 4.2.1.
     ExtendedTollesLawson = "extended_tolles_lawson", version 1, scaling Standardise, intercept true, made of Moments,

@@ -1,4 +1,4 @@
-//! Gated recurrent units over a window, before a network.
+//! Gated recurrent units over a window, followed by a network.
 
 use learning::network::{Form, Memory};
 
@@ -8,8 +8,8 @@ use super::{
 };
 
 model! {
-    /// Gated recurrent units make features of a window of samples, the predicted one and those before it, and a network of
-    /// these features predicts the target. It represents what lags and what depends on the way there.
+    /// Gated recurrent units compute features of a window of samples, and a network predicts the target from these
+    /// features. The window ends at the predicted sample. The model represents delays and hysteresis.
     ///
     /// Source: Cho et al. 2014, in the form of PyTorch; thesis 000, section 5.9.3, of recurrent networks.
     Gru = "gru", version 1, scaling Standardise, intercept true, made of Samples, choose [Given], takes [],

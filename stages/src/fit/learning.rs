@@ -1,4 +1,4 @@
-//! The points of a sweep of fits whose models learn of samples, and what networks among them share.
+//! Points of a sweep of fits whose models learn from samples, and the data that networks among them share.
 
 use std::collections::BTreeMap;
 
@@ -14,11 +14,11 @@ use super::{
     solve::{Solved, solved},
 };
 
-/// The most networks that go through the samples together: each has rows of its own for linear terms and target.
+/// Maximum number of networks that are trained together. Each has its own rows of linear terms and target.
 const TEAM: usize = 4;
 
 impl FitGather {
-    /// The models that learn of the points at `places`, which have one matrix, one target and the same entries.
+    /// Learned models of the points at `places`, which have one matrix, one target and the same entries.
     pub(super) fn learnt(
         &self,
         problem: &Result<Problem, Fault>,
@@ -29,7 +29,7 @@ impl FitGather {
             Ok(problem) => problem,
             Err(fault) => return places.iter().map(|_| Err(fault.clone())).collect(),
         };
-        // A network that begins as another keeps the rate at which that one's inputs were differences per sample.
+        // A network with a warm start keeps the rate at which the inputs of its start were differences per sample.
         let mut rates: BTreeMap<u64, Vec<usize>> = BTreeMap::new();
         let mut answers: BTreeMap<usize, Result<Solved, Fault>> = BTreeMap::new();
         for &place in places {
@@ -52,7 +52,7 @@ impl FitGather {
         places.iter().map(|place| answers.remove(place).unwrap_or_else(lost)).collect()
     }
 
-    /// The rate at which the inputs of a point are differences per sample, Hz.
+    /// Rate at which the inputs of a point are differences per sample, Hz.
     fn rate_of_start(&self, problem: &Problem, place: usize) -> Result<f64, Fault> {
         let Ok(Some(start)) = &self.starts[place] else { return Ok(problem.rate_hz) };
         let parts = start.model.parts();
@@ -62,14 +62,14 @@ impl FitGather {
             Some(rate_hz) if is_same_rate(rate_hz, problem.rate_hz) => Ok(problem.rate_hz),
             Some(rate_hz) => Ok(rate_hz),
             None => {
-                let what = "inputs are differences per sample, and the table of `warm_start` has no `rate_hz`";
+                let what = "inputs are differences per sample, but the table of `warm_start` has no `rate_hz`";
                 let fault = Fault::data(what).of_param("warm_start");
-                Err(fault.help("fit that network again: the table of a `fit` holds the rate of its lines"))
+                Err(fault.help("fit that network again; `fit` writes `rate_hz` to its table"))
             }
         }
     }
 
-    /// The same of points at the rate of the problem.
+    /// The same for points at the rate of the problem.
     fn learnt_at(&self, problem: &Problem, places: &[usize], work: &dyn Work) -> Vec<Result<Solved, Fault>> {
         let mut groups: BTreeMap<InputsKey<'_>, Vec<usize>> = BTreeMap::new();
         for &place in places {
@@ -86,7 +86,7 @@ impl FitGather {
             });
             answers.collect()
         };
-        // Not all at once: the inputs of a group are as large as the samples.
+        // Groups are processed in turn, because the inputs of a group are as large as the samples.
         let groups: Vec<Vec<usize>> = groups.into_values().collect();
         let answers = groups.into_par_iter().with_max_len(1).flat_map_iter(of_group);
         let mut answers: BTreeMap<usize, Result<Solved, Fault>> = answers.collect();
@@ -103,14 +103,14 @@ impl FitGather {
         }
     }
 
-    /// The inputs that several networks share.
+    /// Inputs that several networks share.
     fn shared_inputs(&self, samples: &Samples, group: &[usize]) -> Option<SharedInputs> {
         let first = &self.points[*group.first().filter(|_| group.len() > 1)?];
         let network = first.model.network().filter(|_| self.inputs_key(group[0]).network.is_some())?;
         Some(NetworkInputs::of(network.keys, samples, first.settings.whiten, None))
     }
 
-    /// The points of a group in the order of their places, those together that go through the samples in one order.
+    /// Points of a group in order, grouped by the order in which they visit the samples.
     fn teams(&self, group: &[usize]) -> Vec<Vec<usize>> {
         let mut teams: BTreeMap<Option<(usize, usize)>, Vec<usize>> = BTreeMap::new();
         for &place in group {
@@ -126,7 +126,7 @@ impl FitGather {
         teams.into_iter().flat_map(team).collect()
     }
 
-    /// What the points of a team learn, which are networks where they are several.
+    /// Learned models of a team. A team of several points consists of networks.
     fn learnt_together(
         &self,
         samples: &Samples,
@@ -154,11 +154,11 @@ impl FitGather {
     }
 }
 
-/// What the inputs of a network depend on beside the samples.
+/// Settings, other than the samples, that determine the inputs of a network.
 #[derive(PartialEq, Eq, PartialOrd, Ord)]
 struct InputsKey<'a> {
-    /// The keys `inputs` and `validation`; none of another model, and of a network that begins as another one, which brings
-    /// their scales along.
+    /// Keys `inputs` and `validation`. `None` for other models, and for a network with a warm start, which has its own
+    /// scales.
     network: Option<(Option<&'a [String]>, &'a [String])>,
     whiten: Option<u64>,
 }

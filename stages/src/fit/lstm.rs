@@ -1,4 +1,4 @@
-//! Long short-term memory over a window, before a network.
+//! Long short-term memory over a window, followed by a network.
 
 use learning::network::{Form, Memory};
 
@@ -8,8 +8,8 @@ use super::{
 };
 
 model! {
-    /// Long short-term memory makes features of a window of samples, the predicted one and those before it, and a network of
-    /// these features predicts the target. It represents what lags and what depends on the way there.
+    /// Long short-term memory computes features of a window of samples, and a network predicts the target from these
+    /// features. The window ends at the predicted sample. The model represents delays and hysteresis.
     ///
     /// Source: Hochreiter and Schmidhuber 1997, in the form of PyTorch; thesis 000, section 5.9.3.
     Lstm = "lstm", version 1, scaling Standardise, intercept true, made of Samples, choose [Given], takes [],

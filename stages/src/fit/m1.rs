@@ -1,4 +1,4 @@
-//! A network alone.
+//! A network without a linear model.
 
 use learning::network::Form;
 
@@ -8,8 +8,8 @@ use super::{
 };
 
 model! {
-    /// A network of the features predicts the target: N(x), of standardised inputs. It takes hours of data to be better
-    /// than linear models, and knows nothing of attitudes and currents that it was not trained on.
+    /// A network predicts the target from standardised inputs: N(x). It requires hours of data to outperform linear
+    /// models. It does not generalise to attitudes and currents outside its training data.
     ///
     /// Source: thesis 000, section 4.2, model 1; Gnadt 2022.
     M1 = "m1", version 1, scaling Standardise, intercept true, made of Samples, choose [Given], takes [whiten],

@@ -1,4 +1,4 @@
-//! A network of coefficients.
+//! A network that predicts coefficients.
 
 use learning::network::Form;
 use schemas::Rule;
@@ -9,14 +9,14 @@ use super::{
 };
 
 model! {
-    /// The network predicts the coefficients of the linear terms, which change with the inputs: a . N(x), a being the
-    /// terms as they are. The ridge of them is only what `physics` holds on to.
+    /// The network predicts the coefficients of the linear terms as functions of the inputs: a . N(x), where a are the
+    /// unscaled terms. The ridge of the terms is used only by `physics`.
     ///
     /// Source: thesis 000, section 4.2, model 2a.
     M2a = "m2a", version 3, scaling Standardise, intercept true, made of Samples, choose [Given], takes [whiten],
     groups [network: Network, part: LinearPart], example "epochs = 5";
-    /// The weight of the distance of the prediction from the linear model, squared and over the target's scale, in the
-    /// loss.
+    /// Weight in the loss of the squared distance between the prediction and the linear model, relative to the scale of
+    /// the target.
     physics: f64, unit "1", default 0.0, rule Rule::NotNegative;
 }
 

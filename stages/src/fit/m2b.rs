@@ -1,4 +1,4 @@
-//! A network beside a fixed linear model.
+//! A network added to a fixed linear model.
 
 use learning::network::Form;
 
@@ -8,8 +8,8 @@ use super::{
 };
 
 model! {
-    /// A network of what the linear model of Tolles and Lawson leaves: a . b + N(x), with the coefficients b of the ridge of
-    /// band-passed terms, which stay as they are.
+    /// A network predicts the residual of the Tolles-Lawson model: a . b + N(x). The coefficients b come from the ridge
+    /// of band-passed terms and are not trained.
     ///
     /// Source: thesis 000, section 4.2, model 2b.
     M2b = "m2b", version 1, scaling Standardise, intercept true, made of Samples, choose [Given], takes [whiten],

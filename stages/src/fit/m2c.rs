@@ -1,4 +1,4 @@
-//! A network beside a linear model that is trained along.
+//! A network added to a linear model, trained together.
 
 use learning::network::Form;
 use schemas::Rule;
@@ -9,14 +9,15 @@ use super::{
 };
 
 model! {
-    /// As `m2b`, with the coefficients trained along: a . b + N(x). They begin as those of the ridge. In training the terms
-    /// are centred and scaled, and with `whiten` uncorrelated; the table has the coefficients of the terms as they are.
+    /// The model `m2b` with trained coefficients: a . b + N(x). Training starts from the coefficients of the ridge. In
+    /// training the terms are centred and scaled, and with `whiten` decorrelated. The table holds the coefficients of
+    /// the original terms.
     ///
     /// Source: thesis 000, section 4.2, model 2c; Gnadt 2022.
     M2c = "m2c", version 2, scaling Standardise, intercept true, made of Samples, choose [Given], takes [whiten],
     groups [network: Network, part: LinearPart], example "epochs = 5";
-    /// The weight of the distance of the prediction from the linear model, squared and over the target's scale, in the
-    /// loss.
+    /// Weight in the loss of the squared distance between the prediction and the linear model, relative to the scale of
+    /// the target.
     physics: f64, unit "1", default 0.0, rule Rule::NotNegative;
 }
 

@@ -1,4 +1,4 @@
-//! A network of corrections to coefficients.
+//! A network that predicts corrections to coefficients.
 
 use learning::network::Form;
 use schemas::Rule;
@@ -9,13 +9,13 @@ use super::{
 };
 
 model! {
-    /// The network predicts by how much the coefficients of the ridge change with the inputs: a . (b + N(x)).
+    /// The network predicts changes of the ridge coefficients as functions of the inputs: a . (b + N(x)).
     ///
     /// Source: thesis 000, section 4.2, model 2d; Gnadt 2022.
     M2d = "m2d", version 3, scaling Standardise, intercept true, made of Samples, choose [Given], takes [whiten],
     groups [network: Network, part: LinearPart], example "epochs = 5";
-    /// The weight of the distance of the prediction from the linear model, squared and over the target's scale, in the
-    /// loss.
+    /// Weight in the loss of the squared distance between the prediction and the linear model, relative to the scale of
+    /// the target.
     physics: f64, unit "1", default 0.0, rule Rule::NotNegative;
 }
 

@@ -1,7 +1,8 @@
-//! What a fit model declares of itself.
+//! Declarations of fit models.
 //!
-//! A model is one file: its declaration by [`model!`](crate::model!), its fit, its tests; and one line in [`MODELS`](super::MODELS). The
-//! struct of a model holds the keys that it declares and nothing else, so that it cannot depend on a key of another model.
+//! A model is one file with its declaration by [`model!`](crate::model!), its fit and its tests, and one line in
+//! [`MODELS`](super::MODELS). The struct of a model holds only its own keys, so it cannot depend on a key of another
+//! model.
 
 use numerics::regression::least_squares::{LinearFit, Prepared};
 use schemas::{Fault, Kind, KindDoc, Own, ParamDoc, Reader, collect_doc};
@@ -14,28 +15,28 @@ use super::{
 };
 use crate::trained::{Learned, Term};
 
-/// A model as it declares itself.
+/// Declaration of a model.
 #[derive(Debug)]
 pub struct Model {
-    /// The word after `model =`.
+    /// Word after `model =`.
     pub name: &'static str,
-    /// Raised whenever its answer changes.
+    /// Version, raised whenever its results change.
     pub version: u32,
-    /// What it minimises, when you want it, source: the lines of its documentation.
+    /// Lines of its documentation: the quantity minimised, when to use it, source.
     pub doc: &'static [&'static str],
-    /// What columns are divided by where `scaling` is left out.
+    /// Default of `scaling`.
     pub scaling: Divisor,
-    /// Whether a constant is fitted where `intercept` is left out.
+    /// Default of `intercept`.
     pub intercept: bool,
-    /// What it is made of.
+    /// Data that the model is fitted to.
     pub made_of: MadeOf,
-    /// What `choose` may be.
+    /// Permitted values of `choose`.
     pub choose: &'static [Choose],
-    /// The settings of the stage that it takes and some models do not.
+    /// Settings of the stage that it accepts and some models do not.
     pub takes: &'static [&'static str],
-    /// Keys, one a line, for the example of the stage with this model.
+    /// Keys of the example of the stage with this model, one per line.
     pub example: &'static str,
-    /// Its own keys.
+    /// Documentation of its own keys.
     pub docs: fn() -> Vec<ParamDoc>,
     /// Reads its own keys.
     pub read: fn(&mut Reader) -> Option<Own<dyn FitModel>>,
@@ -66,157 +67,158 @@ impl Kind for Model {
     }
 }
 
-/// What a model finds.
+/// Result of a linear fit.
 pub struct Answer {
     /// Coefficients in the units of the columns.
     pub fit: LinearFit,
-    /// One sigma of each coefficient; NaN where the model knows none.
+    /// Standard deviation of each coefficient. NaN if the model provides none.
     pub std: Vec<f64>,
-    /// Standard deviation of what is left of the filtered target.
+    /// Standard deviation of the residual of the filtered target.
     pub residual_std: f64,
-    /// The ridge parameter or number of components that was used.
+    /// Ridge parameter or number of components used.
     pub chosen: f64,
 }
 
 impl Answer {
-    /// Of a model that does not know the errors of its coefficients.
+    /// Result of a model without errors of its coefficients.
     pub fn without_errors(fit: LinearFit, residual_std: f64, chosen: f64) -> Answer {
         Answer { std: vec![f64::NAN; fit.coefficients.len()], fit, residual_std, chosen }
     }
 }
 
-/// What a model that is made of samples learns.
+/// Result of a model that learns from samples.
 pub struct Learnt {
-    /// The model.
+    /// Learned model.
     pub model: Learned,
-    /// The epoch or number of trees that was used.
+    /// Epoch or number of trees used.
     pub chosen: f64,
-    /// How the training went: further rows of the table, such as `epoch_training[3]`.
+    /// Course of the training: further rows of the table, such as `epoch_training[3]`.
     pub curve: Vec<Term>,
-    /// What to know before it is trusted; empty where nothing is.
+    /// Warning; empty if there is none.
     pub warning: String,
 }
 
-/// A model with the keys that it was given.
+/// A model with its keys.
 pub trait FitModel: Send + Sync {
-    /// Fits it to all lines of `problem`, whose columns on the scale of `settings` are `prepared`.
+    /// Fits the model to all lines of `problem`. `prepared` holds the columns on the scale of `settings`.
     ///
-    /// # Errors
-    /// When the data do not determine it.
+    /// # Errors If the data do not determine the model.
     fn fit(&self, _problem: &Problem, _settings: &Settings, _prepared: &Prepared) -> Result<Answer, Fault> {
         Err(Fault::bug("the model is declared as linear, and has no `fit`"))
     }
 
-    /// Fits a model that is made of `Samples` and no network, in place of [`FitModel::fit`].
+    /// Fits a model of `Samples` that is not a network. Replaces [`FitModel::fit`].
     ///
-    /// # Errors
-    /// When the data do not determine it, or the run is interrupted.
+    /// # Errors If the data do not determine the model, or the run is interrupted.
     fn learn(&self, _samples: &Samples, _settings: &Settings, _work: &PointWork) -> Result<Learnt, Fault> {
         Err(Fault::bug("the model is declared as made of samples, and has no `learn`"))
     }
 
-    /// The network that it is, which is trained in place of [`FitModel::learn`].
+    /// Network that is trained instead of calling [`FitModel::learn`].
     fn network(&self) -> Option<NetworkModel<'_>> {
         None
     }
 
-    /// What is wrong with its keys and the settings among themselves.
+    /// Faults of incompatible keys and settings.
     fn faults(&self, _: &Settings) -> Vec<Fault> {
         self.network().map(|network| network.faults()).unwrap_or_default()
     }
 
-    /// Why one of its own keys has no say beside the others; `None` where it has.
+    /// Reason why one of its own keys has no effect. `None` if it has one.
     fn idle(&self, key: &str) -> Option<Fault> {
         self.network()?.keys.idle(key)
     }
 
-    /// How much work a sample is, in any unit of its own: see `Stage::effort` of the crate `schemas`.
+    /// Cost of a sample in relative units; see `Stage::effort` of the crate `schemas`.
     fn effort(&self) -> f64 {
         self.network().map_or(1.0, |network| network.effort())
     }
 
-    /// Columns that are explained together with the target.
+    /// Columns that are fitted together with the target.
     fn with_targets(&self) -> &[String] {
         &[]
     }
 
-    /// The strength of its penalty, where it has one.
+    /// Ridge parameter, if the model has one.
     fn lambda(&self) -> Option<f64> {
         None
     }
 
-    /// Whether the errors of its coefficients are found; without, [`ridge`](super::ridge()) gives NaN for them.
+    /// Returns whether the errors of its coefficients are computed. If not, [`ridge`](super::ridge()) returns NaN for
+    /// them.
     fn wants_errors(&self) -> bool {
         self.is_ridge()
     }
 
-    /// A warning about an answer for `terms` columns; `None` where nothing is wrong.
+    /// Warning about a result for `terms` columns. `None` if there is none.
     fn remark(&self, _answer: &Answer, _terms: usize) -> Option<String> {
         None
     }
 
-    /// Whether it is one point on the path of ridges that the points of a sweep share.
+    /// Returns whether the model is a point on the path of ridges that the points of a sweep share.
     fn is_ridge(&self) -> bool {
         false
     }
 }
 
 impl Model {
-    /// Why a key has no say with this `choose`.
+    /// Reason why a key has no effect with this `choose`.
     pub(super) fn unchosen(&self, choose: Choose, key: &str) -> Option<Fault> {
-        // What the model does not know is a fault of its own.
+        // A key that the model does not have is a separate fault.
         if !self.choose.contains(&choose) {
             return None;
         }
         let given = choose == Choose::Given;
         let lambda = (key == "lambda" && !given)
-            .then(|| format!("`lambda` is found by `choose = \"{}\"`: give one of them", choose.word()));
+            .then(|| format!("`lambda` and `choose = \"{}\"` cannot be combined; remove one of them", choose.word()));
         let lambdas = (key == "lambdas" && given)
-            .then(|| "`lambdas` are for choosing a `lambda` among them: say how in `choose`".to_owned());
-        let error = (key == "one_standard_error" && !choose.leaves_out())
-            .then(|| "`one_standard_error` is for leaving lines or flights out: say so in `choose`".to_owned());
+            .then(|| "`lambdas` has no effect without a method to choose one; set `choose`".to_owned());
+        let error = (key == "one_standard_error" && !choose.leaves_out()).then(|| {
+            "`one_standard_error` requires cross-validation; set `choose = \"leave_one_line_out\"`".to_owned()
+        });
         lambda.or(lambdas).or(error).map(Fault::new)
     }
 
-    /// Why a key has no say with a model that is made of samples as they are.
+    /// Reason why a key has no effect for a model that is fitted to unfiltered samples.
     pub(super) fn unfiltered(&self, key: &str) -> Option<Fault> {
         const LINEAR: [&str; 6] = ["low_hz", "high_hz", "order", "trim", "scaling", "intercept"];
         (self.made_of == MadeOf::Samples && LINEAR.contains(&key)).then(|| {
-            let what = format!("`{key}` is for linear models: `{}` is fitted to the samples as they are", self.name);
-            Fault::new(what).help("leave it out; a filter goes before the fit, as a stage of its own")
+            let what =
+                format!("`{key}` applies to linear models only; `{}` is fitted to unfiltered samples", self.name);
+            Fault::new(what).help("remove it; to filter, add a filter stage before the fit")
         })
     }
 
-    /// What the reference says of it.
+    /// Documentation for the reference.
     pub(super) fn document(&self) -> KindDoc {
         let choose: Vec<String> = self.choose.iter().map(|c| format!("`{}`", c.word())).collect();
         let takes: Vec<String> = self.takes.iter().map(|key| format!("`{key}`")).collect();
         let mut facts = vec![
-            format!("`scaling` left out: `{}`", self.scaling.word()),
-            format!("`intercept` left out: `{}`", self.intercept),
+            format!("`scaling` unset: `{}`", self.scaling.word()),
+            format!("`intercept` unset: `{}`", self.intercept),
             format!("`choose`: {}", choose.join(", ")),
         ];
         if self.made_of == MadeOf::Samples {
-            facts = vec!["not linear: it is fitted to the samples as they are, without a filter".to_owned()];
+            facts = vec!["nonlinear: fitted to the samples without a filter".to_owned()];
         }
         if !takes.is_empty() {
-            facts.push(format!("also takes {}", takes.join(", ")));
+            facts.push(format!("also accepts {}", takes.join(", ")));
         }
         let (doc, params) = (collect_doc(self.doc), (self.docs)());
         KindDoc { key: "model", name: self.name, doc, facts, params, example: self.example }
     }
 }
 
-/// Declares a model: its documentation, name and version, the defaults of settings, what `choose` may be, which settings it
-/// takes that some models do not, keys for an example, and its own keys as in [`params!`](schemas::params!).
+/// Declares a model: its documentation, name and version, defaults of settings, permitted values of `choose`, settings
+/// that it accepts, keys of an example, and its own keys as in [`params!`](schemas::params!).
 ///
 /// ```
 /// use schemas::{Fault, Rule};
 /// use stages::fit::{Answer, FitModel, Prepared, Problem, Settings, model};
 /// model! {
-///     /// Least squares with coefficients that are made smaller.
+/// /// Least squares with reduced coefficients.
 ///     Shrunk = "shrunk", version 1, scaling None, intercept false, made of Moments, choose [Given], takes [], example "factor = 0.9";
-///     /// What coefficients are multiplied by.
+/// /// Factor applied to the coefficients.
 ///     factor: f64, unit "1", default 0.5, rule Rule::Between(0.0, 1.0);
 /// }
 /// impl FitModel for Shrunk {

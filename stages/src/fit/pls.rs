@@ -14,16 +14,16 @@ use super::{
 use crate::columns::data;
 
 model! {
-    /// Partial least squares: ordinary least squares on `components` sums of the features, those that vary most together
-    /// with the target, of columns without their means. Together with `with_targets` the components are common ones.
+    /// Partial least squares: ordinary least squares on `components` combinations of the centred features with the
+    /// largest covariance with the target. With `with_targets` the components are common to all targets.
     ///
     /// Source: Wold, Sjöström and Eriksson 2001; thesis 000, (3.19) to (3.43).
     PartialLeastSquares = "pls", version 2, scaling Standardise, intercept true, made of Moments,
     choose [Given, LeaveOneLineOut, LeaveOneFlightOut], takes [one_standard_error, whiten], example "components = 6";
-    /// How many components, the most of them where they are chosen. As many as there are terms are ordinary least
-    /// squares, which the fit warns about.
+    /// Number of components, or the maximum number if it is chosen. As many components as terms give ordinary least
+    /// squares, which causes a warning.
     components: usize, unit "", default 18usize, rule Rule::Between(1.0, 10000.0);
-    /// Further columns that are explained together with `target`, by common components; the table holds the coefficients
+    /// Further columns that are fitted together with `target`, by common components. The table holds the coefficients
     /// of `target`.
     with_targets: Vec<String>, unit "nT", default Vec::<String>::new();
 }
@@ -48,7 +48,7 @@ impl FitModel for PartialLeastSquares {
     }
 
     fn faults(&self, settings: &Settings) -> Vec<Fault> {
-        let centred = "partial least squares always takes means off";
+        let centred = "partial least squares always subtracts means; remove `intercept = false`";
         (!settings.intercept).then(|| Fault::new(centred).of_param("intercept")).into_iter().collect()
     }
 
@@ -58,7 +58,7 @@ impl FitModel for PartialLeastSquares {
 
     fn remark(&self, answer: &Answer, terms: usize) -> Option<String> {
         let all = answer.chosen >= terms as f64;
-        let what = "components of as many terms are ordinary least squares: take fewer `components`";
+        let what = "components for as many terms are ordinary least squares; reduce `components`";
         all.then(|| format!("{} {what}", answer.chosen))
     }
 }

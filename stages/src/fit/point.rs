@@ -1,4 +1,4 @@
-//! One point of a sweep of fits: the model with its keys, and which columns it is fitted to.
+//! One point of a sweep of fits: the model with its keys, and the columns that it is fitted to.
 
 use std::sync::Arc;
 
@@ -10,47 +10,45 @@ use super::{
     settings::{Choose, Settings},
 };
 
-/// A model with its keys, the settings with the model's defaults put in, and what it is fitted to.
+/// A model with its keys, its settings including defaults, and its columns.
 pub struct Point {
-    /// What the model declares.
+    /// Declaration of the model.
     pub kind: &'static Model,
-    /// The model.
+    /// Keys of the model.
     pub model: Arc<dyn FitModel>,
-    /// What most models have in common.
+    /// Settings that most models have.
     pub settings: Settings,
-    /// The column that is explained.
+    /// Target column.
     pub target: String,
-    /// The entries of the features that are used; all of them without.
+    /// Entries of the features to use. `None` for all.
     pub entries: Option<Vec<String>>,
-    /// The matrix, which other points may share.
+    /// Matrix, which other points may share.
     pub matrix: Matrix,
 }
 
 impl Point {
-    /// Where the chosen entries lie among all terms; `None` where all are used as they are.
+    /// Positions of the chosen entries among all terms. `None` if all are used in order.
     ///
-    /// # Errors
-    /// When an entry is not there or chosen twice, or none is chosen.
+    /// # Errors If an entry is missing or chosen twice, or none is chosen.
     pub fn places(&self, terms: &[String]) -> Result<Option<Vec<usize>>, Fault> {
         self.entries.as_ref().map(|entries| places(entries, terms)).transpose()
     }
 
-    /// The target, and what is explained together with it.
+    /// The target, and the columns that are fitted together with it.
     pub fn targets(&self) -> Targets {
         std::iter::once(&self.target).chain(self.model.with_targets()).cloned().collect()
     }
 
-    /// The strength of a ridge that is given, and not chosen.
+    /// Ridge parameter, if it is given and not chosen.
     pub fn given_ridge(&self) -> Option<f64> {
         let given = self.model.is_ridge() && self.settings.choose == Choose::Given;
         self.model.lambda().filter(|_| given)
     }
 }
 
-/// Where the entries lie among all terms: their names, or what several names have before a `_`.
+/// Positions of the entries among all terms. Each entry is a name, or a prefix of several names before a `_`.
 ///
-/// # Errors
-/// When an entry is not there or chosen twice, or none is chosen.
+/// # Errors If an entry is missing or chosen twice, or none is chosen.
 pub fn places(entries: &[String], terms: &[String]) -> Result<Vec<usize>, Fault> {
     let mut places = vec![];
     for entry in entries {
@@ -68,5 +66,9 @@ pub fn places(entries: &[String], terms: &[String]) -> Result<Vec<usize>, Fault>
         }
         places.extend(found);
     }
-    if places.is_empty() { Err(Fault::new("there is nothing to fit with")) } else { Ok(places) }
+    if places.is_empty() {
+        Err(Fault::new("the list of entries is empty; name at least one entry"))
+    } else {
+        Ok(places)
+    }
 }

@@ -1,4 +1,4 @@
-//! The models of a sweep from the moments of its lines.
+//! Models of a sweep, computed from the moments of its lines.
 
 use std::{borrow::Cow, collections::BTreeMap, sync::Arc};
 
@@ -20,53 +20,52 @@ use super::{
 };
 use crate::columns::data;
 
-/// Directions with less than this part of the strongest's excitation are named.
+/// Directions with less than this fraction of the strongest excitation are listed.
 const WEAK: f64 = 1e-4;
 
-/// What the size of a total field can be on earth.
+/// Range of the total field on earth, nT.
 const TOTAL_NT: std::ops::Range<f64> = 20_000.0..80_000.0;
 
 /// All lines of one matrix and target.
 #[derive(Clone)]
 pub struct Problem<'a> {
     shares: Vec<&'a Share>,
-    /// The names of the matrix' columns, and how those of each share depend on the sample rate.
+    /// Names of the matrix columns, and how the terms of each share depend on the sample rate.
     all_terms: &'a [String],
     rates: Vec<&'a [TermRate]>,
-    /// The factors that bring the terms of each share to `rate_hz`; `None` where all are 1.
+    /// Factors that convert the terms of each share to `rate_hz`. `None` if all are 1.
     factors: Vec<Option<Vec<f64>>>,
-    /// The rate at which terms are differences per sample, Hz: that of the first line.
+    /// Rate at which terms are differences per sample, Hz: the rate of the first line.
     pub(super) rate_hz: f64,
-    /// The flight of each share.
+    /// Flight of each share.
     flights: Vec<String>,
-    /// The lines used, and what is said of those of which nothing is.
+    /// Lines used, and the reasons for the lines not used.
     pub(super) lines: Vec<String>,
     pub(super) unused: String,
-    /// Which of the matrix' columns are used; `None` for all of them.
+    /// Matrix columns used. `None` for all.
     places: Option<Vec<usize>>,
-    /// Of all lines together.
+    /// Moments of all lines together.
     pub merged: Moments,
-    /// Of some rows of all lines as they were before the filter.
+    /// Moments of some unfiltered rows of all lines.
     unfiltered: Option<Moments>,
-    /// The names of the columns.
+    /// Names of the columns.
     pub terms: Vec<String>,
-    /// Rows of the lines that `where` selects.
+    /// Number of rows of the selected lines.
     pub(super) selected: usize,
     prepared: BTreeMap<(u8, bool), (Arc<Prepared>, Arc<Excitation>)>,
     paths: BTreeMap<(u8, bool), Arc<RidgePath>>,
-    /// The terms that the features were replaced by, and the names of the features.
+    /// Terms that replace the features, and the names of the features.
     pub(super) components: Option<Components>,
 }
 
 impl<'a> Problem<'a> {
-    /// Gathers the lines' shares, in the order of the lines.
+    /// Gathers the shares of the lines, in the order of the lines.
     ///
-    /// # Errors
-    /// When no selected line has the features, filter and trim leave no row, or the lines have different numbers of
-    /// terms.
+    /// # Errors If no selected line has the features, no row remains after filter and trim, or the lines have different
+    /// numbers of terms.
     pub fn new(parts: &[&'a Part], at: &(Matrix, Targets)) -> Result<Self, Fault> {
         let terms = parts.iter().find_map(|p| p.terms.get(&at.0));
-        let terms = terms.ok_or_else(|| Fault::data("no selected line has the features of the fit"))?;
+        let terms = terms.ok_or_else(|| Fault::data("no selected line has all features of the fit"))?;
         let rates = |part: &'a Part| part.rates.get(&at.0).map(Vec::as_slice).unwrap_or_default();
         let all: Vec<(&'a Part, &'a Share)> = parts.iter().filter_map(|p| p.shares.get(at).map(|s| (*p, s))).collect();
         let selected = all.iter().map(|(_, s)| s.selected).sum();
@@ -77,7 +76,7 @@ impl<'a> Problem<'a> {
                 "no run of samples with `{}` and all features is long enough to be filtered and trimmed: {unused}",
                 at.1.join("`, `")
             );
-            return Err(Fault::data(what).help("select longer lines, or take a smaller `trim` or `order`"));
+            return Err(Fault::data(what).help("select longer lines, or reduce `trim` or `order`"));
         }
         let lines: Vec<String> = used.iter().map(|(p, _)| format!("{}/{}", p.flight, p.line)).collect();
         let (rate_hz, rates) = (used[0].0.rate_hz, used.iter().map(|(p, _)| rates(p)).collect());
@@ -106,10 +105,9 @@ impl<'a> Problem<'a> {
         problem.at_rate(rate_hz)
     }
 
-    /// The same with all its terms as differences per sample of another rate.
+    /// The same problem with all terms as differences per sample of another rate.
     ///
-    /// # Errors
-    /// When a term has no equivalent at that rate, or the lines have different numbers of terms.
+    /// # Errors If a term has no equivalent at that rate, or the lines have different numbers of terms.
     pub fn at_rate(&self, rate_hz: f64) -> Result<Self, Fault> {
         let mut problem = self.clone();
         (problem.rate_hz, problem.factors) = (rate_hz, vec![]);
@@ -124,7 +122,7 @@ impl<'a> Problem<'a> {
         Ok(problem)
     }
 
-    /// Whether one of these terms depends on the sample rate.
+    /// Returns whether one of these terms depends on the sample rate.
     pub fn depends_on_rate(&self, terms: &[String]) -> bool {
         let rated = |rates: &&[TermRate]| {
             rates.iter().zip(self.all_terms).any(|(rate, term)| rate.is_some() && terms.contains(term))
@@ -146,7 +144,7 @@ impl<'a> Problem<'a> {
         Ok(())
     }
 
-    /// The moments of a share at the rate of the problem.
+    /// Moments of a share at the rate of the problem.
     fn scaled<'m>(&self, moments: &'m Moments, share: usize) -> Result<Cow<'m, Moments>, Fault> {
         match self.factors.get(share) {
             Some(Some(factors)) => moments.scaled(factors).map(Cow::Owned).map_err(data),
@@ -154,7 +152,7 @@ impl<'a> Problem<'a> {
         }
     }
 
-    /// The cross-spectra of all lines, the target last; `None` where they were not asked for.
+    /// Cross-spectra of all lines, the target last. `None` if they were not requested.
     pub fn spectra(&self) -> Option<CrossSpectra> {
         if self.components.is_some() {
             return None;
@@ -175,10 +173,9 @@ impl<'a> Problem<'a> {
         all
     }
 
-    /// What is left out one after the other: the lines, or all lines of a flight together.
+    /// Groups that cross-validation omits in turn: the lines, or the flights with all their lines.
     ///
-    /// # Errors
-    /// When a line has another number of features than the problem.
+    /// # Errors If a line has another number of features than the problem.
     pub fn groups(&self, settings: &Settings) -> Result<Vec<Moments>, Fault> {
         let lines = self.lines()?;
         if settings.choose != Choose::LeaveOneFlightOut {
@@ -194,10 +191,9 @@ impl<'a> Problem<'a> {
         flights.iter().map(|(_, lines)| Moments::merged(lines).map_err(data)).collect()
     }
 
-    /// The same with the terms at `places` alone, or with all of them, from the factor of all.
+    /// The same problem with only the terms at `places`, or with all of them, from the factor of all.
     ///
-    /// # Errors
-    /// When a place is behind the last term.
+    /// # Errors If a position is beyond the last term.
     pub fn cut(&self, places: Option<Vec<usize>>) -> Result<Problem<'a>, Fault> {
         let own = |moments: &Moments| own(moments, places.as_deref());
         let (merged, unfiltered) = (own(&self.merged)?, self.unfiltered.as_ref().map(own).transpose()?);
@@ -225,23 +221,22 @@ impl<'a> Problem<'a> {
         })
     }
 
-    /// The same problem with whitened principal components of standardised features in place of the features: `keep` of
-    /// them, or below 1 as many as hold that part of the variance; as it is without `keep`.
+    /// The same problem with whitened principal components of the standardised features instead of the features. `keep`
+    /// is the number of components, or below 1 the fraction of the variance. Unchanged without `keep`.
     ///
-    /// # Errors
-    /// Fails without rows, when no component is to be kept, or without convergence.
+    /// # Errors If there are no rows, no component is kept, or the decomposition does not converge.
     pub fn whitened(mut self, keep: Option<f64>) -> Result<Self, Fault> {
         let Some(keep) = keep else { return Ok(self) };
         let components = Components::whitened(&self.merged, std::mem::take(&mut self.terms), keep)?;
         self.terms = components.names();
         self.merged = components.of(&self.merged)?;
-        // What the unfiltered terms tell is told of the features.
+        // Results from the unfiltered terms refer to the features.
         self.unfiltered = None;
         self.components = Some(components);
         Ok(self)
     }
 
-    /// The moments of each line.
+    /// Moments of each line.
     fn lines(&self) -> Result<Vec<Moments>, Fault> {
         let own = |(i, s): (usize, &&Share)| {
             let own = own(&*self.scaled(&s.moments, i)?, self.places.as_deref())?;
@@ -253,7 +248,7 @@ impl<'a> Problem<'a> {
         self.shares.iter().enumerate().map(own).collect()
     }
 
-    /// The rows of each line: terms row-major, and the target.
+    /// Rows of each line: terms row-major, and the target.
     pub fn rows(&self) -> Vec<(Cow<'a, [f64]>, &'a [f64])> {
         let own = |(share, factors): (&&'a Share, &Option<Vec<f64>>)| {
             let Rows { a, y, .. } = share.rows.as_ref()?;
@@ -274,7 +269,7 @@ impl<'a> Problem<'a> {
         self.shares.iter().zip(&self.factors).filter_map(own).collect()
     }
 
-    /// The rows of each line with where they come from, for models that learn.
+    /// Rows of each line with their origin, for models that learn from samples.
     pub fn samples(&self) -> Samples<'_> {
         let lines = self.rows().into_iter().zip(&self.shares).zip(&self.lines).zip(&self.flights);
         let one = |(((rows, share), name), flight): (((_, &&'a Share), &'_ String), &'_ String)| {
@@ -286,7 +281,7 @@ impl<'a> Problem<'a> {
         Samples { names: &self.terms, lines: lines.filter_map(one).collect() }
     }
 
-    /// The columns on one scale, and which of their directions the flight excites.
+    /// Columns on one scale, and the directions that the flight excites.
     pub(super) fn prepared(&mut self, settings: &Settings) -> Result<(Arc<Prepared>, Arc<Excitation>), Fault> {
         let (scaling, intercept) = (settings.scaling, settings.intercept);
         let key = (scaling as u8, intercept);
@@ -300,33 +295,32 @@ impl<'a> Problem<'a> {
         Ok(made)
     }
 
-    /// Solves for ridge parameters of all points of a kind at once: `lambdas` are those of the sweep.
+    /// Solves for the ridge parameters of all points of a kind at once. `lambdas` are those of the sweep.
     ///
-    /// # Errors
-    /// When the decomposition does not converge.
+    /// # Errors If the decomposition does not converge.
     pub fn solve_ridges(&mut self, settings: &Settings, lambdas: &[f64]) -> Result<(), Fault> {
         let (prepared, _) = self.prepared(settings)?;
-        // Where one cannot be solved, such as 0 with terms that nothing excites, each is tried by itself later.
+        // If one cannot be solved, such as 0 with unexcited terms, each is solved separately later.
         if let Ok(path) = prepared.ridge(lambdas, &self.terms) {
             self.paths.insert((settings.scaling as u8, settings.intercept), Arc::new(path));
         }
         Ok(())
     }
 
-    /// What [`Problem::solve_ridges`] found for these settings.
+    /// Solutions of [`Problem::solve_ridges`] for these settings.
     pub fn path(&self, settings: &Settings) -> Option<&Arc<RidgePath>> {
         self.paths.get(&(settings.scaling as u8, settings.intercept))
     }
 
-    /// Rows that are left for the residuals' variance.
+    /// Degrees of freedom of the residual variance.
     pub fn free(&self, parameters: usize, settings: &Settings) -> f64 {
         self.merged.rows() as f64 - parameters as f64 - f64::from(u8::from(settings.intercept))
     }
 
-    /// The size of the total field and the scale of the induced terms, of rows that were not filtered: these terms add
-    /// up to the field over their scale. `None` for another target than a total field, and for other terms.
+    /// Total field and scale of the induced terms, from unfiltered rows. The induced terms add up to the field divided
+    /// by their scale. `None` if the target is not a total field, and for other terms.
     fn field(&self) -> Option<(f64, f64)> {
-        // Without a filter the rows themselves are as they were.
+        // Without a filter the rows themselves are unfiltered.
         let unfiltered = self.unfiltered.as_ref().unwrap_or(&self.merged);
         let means = unfiltered.term_means();
         let mean = |name: &str| means.get(self.terms.iter().position(|t| t == name)?).copied();
@@ -335,7 +329,7 @@ impl<'a> Problem<'a> {
         (scale_nt.is_finite() && TOTAL_NT.contains(&total_nt)).then_some((total_nt, scale_nt))
     }
 
-    /// What the linear form of a model misses at most; NaN where its terms cannot say that.
+    /// Upper bound on the error of the linear form of a model. NaN if its terms do not determine it.
     pub(super) fn approximation_bound_nt(&self, fit: &LinearFit) -> f64 {
         let Some((field_nt, scale_nt)) = self.field() else { return f64::NAN };
         let value = |name: &str| {
@@ -347,8 +341,8 @@ impl<'a> Problem<'a> {
         approximation_bound_nt(permanent_nt, induced, field_nt)
     }
 
-    /// How near a fit with this `lambda` is to calling the whole field the aircraft's; `None` where its terms cannot say
-    /// that.
+    /// Fraction of the total field that a fit with this `lambda` attributes to the aircraft. `None` if its terms do not
+    /// determine it.
     pub(super) fn trivial(&self, fit: &LinearFit, lambda: f64) -> Result<Option<TrivialSolution>, Fault> {
         let Some(unfiltered) = &self.unfiltered else { return Ok(None) };
         let Some((_, scale_nt)) = self.field() else { return Ok(None) };
@@ -356,7 +350,7 @@ impl<'a> Problem<'a> {
     }
 }
 
-/// The factor that brings a term to another rate.
+/// Factor that converts a term to another rate.
 pub fn factor(rate: TermRate, term: &str, to_hz: f64) -> Result<f64, Fault> {
     let Some((law, from_hz)) = rate else { return Ok(1.0) };
     law.factor(from_hz, to_hz).ok_or_else(|| {
@@ -367,7 +361,7 @@ pub fn factor(rate: TermRate, term: &str, to_hz: f64) -> Result<f64, Fault> {
     })
 }
 
-/// The moments of the columns at `places` alone; of all without.
+/// Moments of only the columns at `places`; of all without.
 fn own(moments: &Moments, places: Option<&[usize]>) -> Result<Moments, Fault> {
     match places {
         Some(places) => moments.select(places, &(0..moments.targets()).collect::<Vec<_>>()).map_err(data),
@@ -375,20 +369,21 @@ fn own(moments: &Moments, places: Option<&[usize]>) -> Result<Moments, Fault> {
     }
 }
 
-/// What was wrong where lines or flights were left out.
+/// Fault of a failed cross-validation.
 pub fn lines_needed(error: LeastSquaresError) -> Fault {
-    data(error).help("leaving one out needs two or more lines, or flights: select more, or choose otherwise")
+    data(error)
+        .help("cross-validation requires at least two lines, or flights; select more with `where`, or change `choose`")
 }
 
-/// As many lines are named one by one.
+/// Maximum number of lines listed by name.
 const NAMED: usize = 5;
 
-/// Of which selected lines nothing can be used, and why; empty where there are none.
+/// Unused selected lines and the reasons. Empty if there are none.
 fn too_short(lines: &[(&Part, &Share)]) -> String {
     let lines: Vec<&(&Part, &Share)> = lines.iter().filter(|(_, s)| s.selected > 0).collect();
     let one = |(part, share): &&(&Part, &Share)| {
         let (has, least) = share.longest;
-        format!("flight {}, line {} has {has} samples in its longest run and takes {least}", part.flight, part.line)
+        format!("flight {}, line {} has {has} samples in its longest run and requires {least}", part.flight, part.line)
     };
     let mut named: Vec<String> = lines.iter().take(NAMED).map(one).collect();
     let more = lines.len().saturating_sub(NAMED);

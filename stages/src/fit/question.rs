@@ -1,26 +1,26 @@
-//! What is asked of each line: the columns of a fit, and how they are filtered.
+//! Data requested from each line: the columns of a fit, and their filter.
 
-/// What the points of a sweep share: the same matrix, filtered in the same way.
+/// Settings that points of a sweep share: the same matrix, filtered in the same way.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Matrix {
-    /// The columns.
+    /// Columns of the matrix.
     pub features: Vec<String>,
-    /// The bits of the lower and the upper corner in Hz, and the order.
+    /// Bits of the lower and upper corner in Hz, and the order.
     pub filter: (u64, u64, usize),
-    /// Samples left out at each end of a run.
+    /// Number of samples removed at each end of a run.
     pub trim: usize,
 }
 
-/// Columns that are explained together; one but for partial least squares of several.
+/// Columns that are fitted together: one, except for partial least squares of several.
 pub type Targets = Vec<String>;
 
-/// The targets of a matrix, and those of them whose rows or errors are needed as well.
+/// Targets of a matrix, and those whose rows or errors are also needed.
 #[derive(Default)]
 pub struct Question {
-    /// All of them.
+    /// All targets.
     pub targets: Vec<Targets>,
-    /// Those whose rows are needed.
+    /// Targets whose rows are needed.
     pub keeps_rows: Vec<Targets>,
-    /// Those of which the errors of coefficients are asked for.
+    /// Targets for which the errors of coefficients are requested.
     pub wants_errors: Vec<Targets>,
 }

@@ -12,28 +12,29 @@ use super::{
 use crate::trained::{self, Learned};
 
 model! {
-    /// A linear model with a Gaussian process on top, of standardised inputs: random Fourier features of a Gaussian kernel
-    /// beside the inputs themselves, with a ridge whose strength is the most likely one. There is nothing to train, and
-    /// little to choose. One sigma of its prediction grows where samples are rare; it is that of the function, and too small
-    /// where errors last from sample to sample.
+    /// A linear model plus a Gaussian process, both of standardised inputs. The process uses random Fourier features of
+    /// a Gaussian kernel. A ridge gives the solution, with the most likely strength. The model requires no training and
+    /// little tuning. The standard deviation of the prediction grows where samples are rare. It is that of the
+    /// function, and too small for correlated errors.
     ///
     /// Source: Rahimi & Recht 2007; Rasmussen & Williams 2006, chapters 2 and 5.
     RandomFeatures = "random_features", version 1, scaling Standardise, intercept true, made of Samples, choose [Given],
     takes [], example "random_features = 20";
-    /// The inputs: entries of the features, by their names or what several names have before a `_`.
+    /// Inputs: entries of the features, by name or by a prefix of several names before a `_`.
     inputs: Option<Vec<String>>, unit "", absent "all features";
-    /// How many random features: the more, the nearer to the Gaussian process. Time grows with the square.
+    /// Number of random features. More features approximate the Gaussian process better. Time grows with the square.
     random_features: usize, unit "1", default 200usize, rule Rule::Between(2.0, 10_000.0);
-    /// The distance between samples, in standard deviations of the inputs, at which their values are akin.
+    /// Length scale of the kernel, in standard deviations of the inputs: the distance over which values are correlated.
     length_scale: Option<f64>, unit "1", absent "the most likely of 1/4, 1/2, 1, 2 and 4 times the median distance between samples", rule Rule::Positive;
-    /// The weight of the linear model: the expected size of a coefficient of a standardised input over that of the process.
-    /// 0 leaves the linear model out.
+    /// Weight of the linear model: the expected coefficient of a standardised input divided by the standard deviation
+    /// of the process. 0 removes the linear model.
     linear_weight: f64, unit "1", default 1.0, rule Rule::NotNegative;
-    /// The variance of the errors over that of the process.
+    /// Variance of the errors divided by that of the process.
     noise_ratio: Option<f64>, unit "1", absent "the most likely one", rule Rule::Positive;
-    /// Whether the table has what one sigma of the prediction is computed from: as many rows as the square of the features.
+    /// Stores the factor from which the standard deviation of the prediction is computed. It has as many rows as the
+    /// square of the number of features.
     sigma: bool, unit "", default true;
-    /// The seed of the features.
+    /// Seed of the random features.
     seed: usize, unit "", default 0usize;
 }
 
@@ -63,7 +64,7 @@ impl FitModel for RandomFeatures {
         let names = |at: &[usize]| at.iter().filter_map(|&i| samples.names.get(i).cloned()).collect::<Vec<_>>();
         let warning = match names(&constant).as_slice() {
             [] => String::new(),
-            names => format!("constant, so no inputs of the model: `{}`", names.join("`, `")),
+            names => format!("constant and not used as inputs of the model: `{}`", names.join("`, `")),
         };
         let chosen = model.lambda;
         let model = Learned::RandomFeatures(trained::Kernel::new(names(&at), scaling, model)?);

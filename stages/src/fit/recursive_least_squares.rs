@@ -14,19 +14,19 @@ use super::{
 use crate::columns::data;
 
 model! {
-    /// Least squares row by row in time, older rows `forgetting`. It begins with coefficients of zero and the ridge `lambda`,
-    /// of columns over their standard deviations.
+    /// Recursive least squares with exponential `forgetting` of older rows. It starts from zero coefficients and the
+    /// ridge `lambda`, with columns divided by their standard deviations.
     ///
-    /// What is forgotten is given back as a ridge about the coefficients of that moment, so that a direction which the
-    /// flight does not excite for long keeps its value; the recursion of textbooks forgets its beginning too. With
-    /// `forgetting = 1.0` nothing is forgotten, and both are the ridge.
+    /// Forgotten information is replaced by a ridge about the current coefficients. A direction that the flight does
+    /// not excite for long therefore keeps its value. The textbook recursion also forgets its initial ridge. With
+    /// `forgetting = 1.0` nothing is forgotten, and both are equal to the ridge.
     ///
     /// Source: Haykin 2002, "Adaptive Filter Theory", chapter 9.
     RecursiveLeastSquares = "recursive_least_squares", version 1, scaling Standardise, intercept false, made of Rows,
     choose [Given], takes [], example "forgetting = 1.0";
-    /// The strength of the penalty.
+    /// Ridge parameter of the initial coefficients.
     lambda: f64, unit "", default 0.025, rule Rule::NotNegative;
-    /// By how much a row counts less with each that follows it; with 1 nothing is forgotten.
+    /// Forgetting factor: weight of a row relative to the next. With 1 nothing is forgotten.
     forgetting: f64, unit "1", default 1.0, rule Rule::Between(0.9, 1.0);
 }
 
@@ -51,8 +51,8 @@ impl FitModel for RecursiveLeastSquares {
     }
 
     fn faults(&self, settings: &Settings) -> Vec<Fault> {
-        let constant = "`recursive_least_squares` has no intercept: make `bias` one of the terms";
-        let penalty = "`recursive_least_squares` begins with a ridge: `lambda` must be above 0";
+        let constant = "`recursive_least_squares` has no intercept; add `bias` to `terms` of `a_matrix`";
+        let penalty = "`recursive_least_squares` starts from a ridge; set `lambda` above 0";
         let mut faults = vec![];
         faults.extend(settings.intercept.then(|| Fault::new(constant).of_param("intercept")));
         faults.extend((self.lambda == 0.0).then(|| Fault::new(penalty).of_param("lambda")));
@@ -65,7 +65,8 @@ impl FitModel for RecursiveLeastSquares {
 }
 
 impl RecursiveLeastSquares {
-    /// The prior sigma of each coefficient: of a ridge of scaled columns it goes with one over the column's deviation.
+    /// Prior standard deviation of each coefficient. For a ridge of scaled columns it is inversely proportional to the
+    /// column's standard deviation.
     fn sigma(&self, problem: &Problem, settings: &Settings) -> Vec<f64> {
         let scaled = |d: f64| if settings.scaling == Scaling::None || d == 0.0 { 1.0 } else { d };
         problem.merged.term_deviations().iter().map(|d| 1.0 / (self.lambda.sqrt() * scaled(*d))).collect()

@@ -1,8 +1,8 @@
-//! What a fit leaves on its own lines over all frequencies, as the noise of what it compensates.
+//! Residual noise of a fit on its own lines, over all frequencies.
 //!
-//! A fit on band-passed data is judged by `residual_std` in its band alone; what navigation suffers from is mostly below
-//! it. So means of the unfiltered rows over about a second are kept, with some steps between neighbouring samples, and
-//! the residual of each is the model's, whichever it turns out to be.
+//! A fit on band-passed data has `residual_std` in its band only, but navigation errors come mostly from lower
+//! frequencies. Means of the unfiltered rows over about a second are therefore kept, with some steps between
+//! neighbouring samples. The residual of any model is computed from them.
 
 use numerics::signal::noise::{Blocks, Noise, noise};
 
@@ -14,8 +14,8 @@ use super::{
 };
 use crate::model_columns::RESIDUAL;
 
-/// The noise of a model on the lines that it was fitted on, in the order of the model table's columns; NaN where the lines
-/// are too short to tell.
+/// Noise of a model on the lines that it was fitted to, in the order of the columns of the model table. NaN if the
+/// lines are too short.
 pub fn residual_noise(parts: &[&Part], point: &Point, solved: &Solved) -> [f64; RESIDUAL.len()] {
     let (fit, names) = match &solved.left {
         Left::By(fit, names) => (fit, names),
@@ -24,7 +24,7 @@ pub fn residual_noise(parts: &[&Part], point: &Point, solved: &Solved) -> [f64; 
     let at = (point.matrix.clone(), point.targets());
     let one = |part: &&Part| {
         let (terms, rates) = (part.terms.get(&at.0)?, part.rates.get(&at.0)?);
-        // The coefficient of this line's term, which may be of another rate than that of the model.
+        // Coefficient of this line's term, whose rate may differ from the model's.
         let own = |(name, value): (&String, &f64)| {
             let rate = terms.iter().position(|term| term == name).and_then(|i| rates.get(i).copied().flatten());
             Some(value * factor(rate, name, solved.rate_hz).ok()?)

@@ -1,4 +1,4 @@
-//! The ridge, and what the models of Tolles and Lawson share with it.
+//! The ridge, and the parts that the Tolles-Lawson models share with it.
 
 use std::sync::Arc;
 
@@ -15,8 +15,8 @@ use super::{
 };
 use crate::columns::data;
 
-/// Values on the grid of ridge parameters where the spec gives none, from the largest squared singular value down to this
-/// part of it.
+/// Number of values on the default grid of ridge parameters, and the ratio of the smallest to the largest. The largest
+/// is the largest squared singular value.
 const GRID: (usize, f64) = (81, 1e-12);
 
 model! {
@@ -32,17 +32,17 @@ impl Ridged for Ridge {
 }
 
 params! {
-    /// A penalty on the size of coefficients.
+    /// Penalty on the squared norm of the coefficients.
     pub struct Penalty;
-    /// The strength of the penalty.
+    /// Ridge parameter.
     lambda: f64, unit "", default 0.025, rule Rule::NotNegative;
-    /// The values of `lambda` to choose among.
-    lambdas: Option<Vec<f64>>, unit "", absent "a grid that fits the features";
+    /// Values of `lambda` to choose from.
+    lambdas: Option<Vec<f64>>, unit "", absent "a grid that suits the features";
 }
 
-/// A model that is a ridge: the columns it is given and the name are its own, the fit is the same.
+/// A model that is a ridge. It has its own name and columns; the fit is the same.
 pub trait Ridged: Send + Sync {
-    /// Its penalty.
+    /// Penalty of the model.
     fn penalty(&self) -> &Penalty;
 }
 
@@ -65,10 +65,9 @@ impl<M: Ridged> FitModel for M {
     }
 }
 
-/// The ridge of the strength `lambda`, of `problem` whose columns on the scale of `settings` are `prepared`.
+/// Ridge with the parameter `lambda`. `prepared` holds the columns of `problem` on the scale of `settings`.
 ///
-/// # Errors
-/// When the columns do not determine it.
+/// # Errors If the columns do not determine the solution.
 pub fn ridge(problem: &Problem, settings: &Settings, prepared: &Prepared, lambda: f64) -> Result<Answer, Fault> {
     let found = |path: &RidgePath| path.solutions.iter().position(|s| s.lambda.to_bits() == lambda.to_bits());
     let (path, at) = match problem.path(settings).and_then(|path| found(path).map(|at| (path.clone(), at))) {
@@ -88,25 +87,27 @@ pub fn ridge(problem: &Problem, settings: &Settings, prepared: &Prepared, lambda
 }
 
 impl Penalty {
-    /// What is wrong with the strengths to choose among.
+    /// Faults of the ridge parameters to choose from.
     pub fn faults(&self) -> Vec<Fault> {
         let wrong = |l: &Vec<f64>| l.len() < 3 || l.iter().any(|x| !(*x > 0.0 && x.is_finite()));
         let fault = || Fault::new("`lambdas` must be three or more numbers above 0").of_param("lambdas");
         self.lambdas.as_ref().filter(|l| wrong(l)).map(|_| fault()).into_iter().collect()
     }
 
-    /// The strength that is given or chosen.
+    /// Ridge parameter that is given or chosen.
     fn found(&self, problem: &Problem, settings: &Settings, prepared: &Prepared) -> Result<f64, Fault> {
         let curve = || curve(prepared, 0, &self.grid(prepared)?).map_err(data);
         let chosen = |points: &[LambdaPoint], at: Option<usize>, none: &str| {
-            let at = at.ok_or_else(|| Fault::data(none).help("give `lambda`, or `lambdas` over another range"))?;
+            let at = at.ok_or_else(|| {
+                Fault::data(none).help("set `choose = \"given\"` and `lambda`, or set `lambdas` to another range")
+            })?;
             Ok(points[at].lambda)
         };
         match settings.choose {
             Choose::Given => Ok(self.lambda),
             Choose::Gcv => {
                 let points = curve()?;
-                let none = "generalised cross-validation is not defined: there are too few rows";
+                let none = "generalised cross-validation is undefined, because there are too few rows";
                 chosen(&points, by_generalised_cross_validation(&points), none)
             }
             Choose::LCurve => {
@@ -119,7 +120,7 @@ impl Penalty {
         }
     }
 
-    /// The strengths to choose among, rising.
+    /// Ridge parameters to choose from, ascending.
     fn grid(&self, prepared: &Prepared) -> Result<Vec<f64>, Fault> {
         let Some(given) = &self.lambdas else {
             let singular = prepared.singular().map_err(data)?;
@@ -137,7 +138,7 @@ fn by_leaving_out(grid: &[f64], problem: &Problem, settings: &Settings) -> Resul
     let groups = problem.groups(settings)?;
     let scores = by_lines(&groups, 0, &falling, settings.scaling, settings.intercept, LineScore::Variance);
     let at = settings.pick(&scores.map_err(lines_needed)?);
-    falling.get(at).copied().ok_or_else(|| Fault::data("there is no ridge parameter to choose"))
+    falling.get(at).copied().ok_or_else(|| Fault::data("the list of ridge parameters to choose from is empty"))
 }
 
 #[cfg(test)]
@@ -226,7 +227,7 @@ mod tests {
             stage(model, &[]).unwrap().yields(&[&Table::Lines(Shape { columns, rate_hz: None })]).unwrap().notes
         };
         assert!(notes("ridge", 93).is_empty());
-        assert!(notes("ridge", 94)[0].contains("96 terms have no errors, those of up to 95 have"));
+        assert!(notes("ridge", 94)[0].contains("the fit has 96 terms, and `std` is computed for up to 95"));
         assert!(notes("pls", 94).is_empty(), "it has none with fewer terms either");
     }
 

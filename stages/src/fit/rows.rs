@@ -1,4 +1,4 @@
-//! The rows of one line as models see them: what is finite, filtered and trimmed, folded into moments.
+//! Rows of one line: selected, filtered, trimmed and reduced to moments.
 
 use std::{collections::BTreeMap, ops::Range};
 
@@ -24,65 +24,66 @@ use crate::{
     columns::{data, even_rate_hz, floats, matrix, sampling},
 };
 
-/// Rows kept of a line's unfiltered terms, evenly spread: enough to tell a total field from an aircraft's.
+/// Number of unfiltered rows kept per line, evenly spaced: enough to recognise a total field.
 const THINNED: usize = 500;
-/// Most columns of which the errors of coefficients are found: their cross-spectra grow with the square.
+/// Maximum number of columns for errors of coefficients, because the cost of cross-spectra grows with the square.
 pub const MOST_WITH_ERRORS: usize = 96;
 
-/// The dependence of a term on the sample rate, and the rate at which it was made, Hz; `None` where it has none.
+/// Dependence of a term on the sample rate, and the rate at which it was made, Hz. `None` if it does not depend on the
+/// rate.
 pub type TermRate = Option<(RateLaw, f64)>;
 
-/// One line's share of a fit.
+/// Share of one line in a fit.
 pub struct Share {
-    /// Of the filtered and trimmed rows.
+    /// Moments of the filtered and trimmed rows.
     pub moments: Moments,
-    /// Of some rows as they were before the filter.
+    /// Moments of some unfiltered rows.
     pub unfiltered: Option<Moments>,
-    /// The rows themselves, where a model needs them.
+    /// Rows, if the model requires them.
     pub rows: Option<Rows>,
-    /// The cross-spectra of these rows, the target last, where the errors of coefficients are asked for.
+    /// Cross-spectra of these rows, the target last, if errors of coefficients are requested.
     pub spectra: Option<CrossSpectra>,
-    /// Rows of the line that `where` selects.
+    /// Number of rows of the line that `where` selects.
     pub selected: usize,
-    /// Rows of the longest run, and how many filter and trim take at least.
+    /// Number of rows of the longest run, and the minimum for filter and trim.
     pub longest: (usize, usize),
 }
 
-/// The filtered and trimmed rows of a line.
+/// Filtered and trimmed rows of a line.
 pub struct Rows {
-    /// The terms, row-major.
+    /// Terms, row-major.
     pub a: Vec<f64>,
-    /// The target.
+    /// Target of each row.
     pub y: Vec<f64>,
-    /// The runs of samples that follow each other in time.
+    /// Runs of consecutive samples.
     pub runs: Vec<Range<usize>>,
-    /// Samples a second.
+    /// Sample rate, Hz.
     pub rate_hz: f64,
 }
 
-/// The unfiltered rows of a line in short, and the questions that they belong to.
+/// Summary of the unfiltered rows of a line, and the questions that they belong to.
 pub struct Unfiltered {
     pub asked: Vec<(Matrix, Targets)>,
     pub wide: Wide,
 }
 
-/// One line's shares, by matrix and targets, with the names of each matrix' terms.
+/// Shares of one line, by matrix and targets, with the names of the terms of each matrix.
 #[derive(Default)]
 pub struct Part {
     pub flight: String,
     pub line: String,
-    /// Samples a second.
+    /// Sample rate, Hz.
     pub rate_hz: f64,
     pub shares: BTreeMap<(Matrix, Targets), Share>,
-    /// Why a question has no answer from this line.
+    /// Fault of each question that this line cannot answer.
     pub refused: BTreeMap<(Matrix, Targets), Fault>,
     pub terms: BTreeMap<Matrix, Vec<String>>,
-    /// How each of these terms depends on the sample rate.
+    /// Dependence of each of these terms on the sample rate.
     pub rates: BTreeMap<Matrix, Vec<TermRate>>,
     pub wide: Vec<Unfiltered>,
 }
 
-/// A column of a table, or a list of columns, still where it is.
+/// Column of a table, or list of columns, borrowed.
 struct Block<'a> {
     values: &'a [f64],
     names: Vec<String>,
@@ -109,7 +110,7 @@ impl<'a> Block<'a> {
     }
 }
 
-/// What is asked of one line with the same filter and the same usable rows.
+/// Questions to one line with the same filter and the same usable rows.
 struct Group<'a> {
     runs: Vec<Range<usize>>,
     selected: usize,
@@ -117,14 +118,13 @@ struct Group<'a> {
 }
 
 impl Part {
-    /// Folds a line into its shares. A question for which the line lacks a column has none.
+    /// Reduces a line to its shares. A question has no share if the line lacks one of its columns.
     ///
-    /// Columns that several questions have in common are filtered once; each question's moments are to the last bit what
-    /// they would be had it been asked alone.
+    /// Columns that several questions share are filtered once. The moments of each question are bit-identical to those
+    /// of the question alone.
     ///
-    /// # Errors
-    /// When the line has no column `tt` of numbers, or its times have no sample rate. The fault of one question is in
-    /// the part instead.
+    /// # Errors If the line has no numeric column `tt`, or its times have no sample rate. The fault of one question is
+    /// in the part instead.
     pub fn new(line: &LineIn, questions: &BTreeMap<Matrix, Question>) -> Result<Part, Fault> {
         let batch = &line.inputs[0];
         let tt = floats(batch, "tt")?;
@@ -153,7 +153,7 @@ impl Part {
             }
         }
         for group in &groups {
-            // What is wrong with the filter of one question is nothing to the others.
+            // A fault in the filter of one question does not affect the others.
             if let Err(fault) = fold(&mut part, batch, &blocks, group, questions, rate_hz) {
                 let asked = group.asked.iter().flat_map(|(k, all)| all.iter().map(move |t| ((*k).clone(), t.clone())));
                 for at in asked {
@@ -190,7 +190,7 @@ fn join<'a>(
     }
 }
 
-/// Columns side by side, row-major.
+/// Columns joined into one row-major matrix.
 struct Sheet {
     values: Vec<f64>,
     width: usize,
@@ -201,7 +201,7 @@ impl Sheet {
         self.values.iter().skip(at).step_by(self.width.max(1)).copied()
     }
 
-    /// Some columns of the rows of `runs`.
+    /// Columns of the rows of `runs`.
     fn part(&self, columns: &[usize], runs: &[Range<usize>]) -> Vec<f64> {
         let mut out = Vec::with_capacity(runs.iter().map(Range::len).sum::<usize>() * columns.len());
         for row in runs.iter().cloned().flatten() {
@@ -291,7 +291,7 @@ fn fold(
     Ok(())
 }
 
-/// The cross-spectra of columns and targets over runs of rows.
+/// Cross-spectra of columns and targets over runs of rows.
 fn spectra(
     (sheet, columns): (&Sheet, &[usize]),
     (y, at): (&Sheet, &[usize]),
@@ -308,7 +308,7 @@ fn spectra(
     spectra
 }
 
-/// What the noise of the group's models is found from.
+/// Data from which the residual noise of the group's models is estimated.
 fn unfiltered(
     batch: &RecordBatch,
     blocks: &BTreeMap<&str, Block>,
@@ -329,7 +329,7 @@ fn unfiltered(
     Ok(Unfiltered { asked: asked.collect(), wide })
 }
 
-/// The runs one behind the other, whole and without their ends.
+/// Runs joined into one sequence, with or without their ends.
 fn packed(runs: &[Range<usize>], trim: usize) -> (Vec<Range<usize>>, Vec<Range<usize>>) {
     let mut start = 0;
     let mut whole = vec![];
@@ -341,7 +341,7 @@ fn packed(runs: &[Range<usize>], trim: usize) -> (Vec<Range<usize>>, Vec<Range<u
     (whole, kept)
 }
 
-/// All features of a group once, and where each lies.
+/// All features of a group without duplicates, and the position of each.
 fn features<'a>(
     blocks: &BTreeMap<&'a str, Block>,
     group: &Group,
@@ -375,7 +375,7 @@ fn targets(group: &Group) -> Vec<String> {
     names
 }
 
-/// Some rows of both, evenly spread; `None` of no rows.
+/// Some rows of both, evenly spaced. `None` if there are no rows.
 fn thinned(a: &Sheet, y: &Sheet) -> Option<(Sheet, Sheet)> {
     let rows = y.values.len() / y.width.max(1);
     let step = rows.div_ceil(THINNED).max(1);

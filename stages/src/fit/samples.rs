@@ -1,4 +1,4 @@
-//! The rows of a fit as models that learn see them: line by line, as they are.
+//! Rows of a fit for models that learn from samples: line by line, unfiltered.
 
 use std::{borrow::Cow, ops::Range};
 
@@ -6,42 +6,42 @@ use schemas::{Fault, Work};
 
 use super::point::places;
 
-/// The rows of all lines of a fit.
+/// Rows of all lines of a fit.
 pub struct Samples<'a> {
-    /// The names of the columns.
+    /// Names of the columns.
     pub names: &'a [String],
-    /// The lines, in their order.
+    /// Lines in order.
     pub lines: Vec<LineSamples<'a>>,
 }
 
-/// The rows of a line.
+/// Rows of a line.
 pub struct LineSamples<'a> {
-    /// The flight.
+    /// Flight of the line.
     pub flight: String,
     /// The line, as flight/line.
     pub name: String,
-    /// The features, row-major.
+    /// Features, row-major.
     pub x: Cow<'a, [f64]>,
-    /// The target.
+    /// Target of each row.
     pub y: &'a [f64],
-    /// The runs of samples that follow each other in time.
+    /// Runs of consecutive samples.
     pub runs: &'a [Range<usize>],
-    /// Samples a second.
+    /// Sample rate, Hz.
     pub rate_hz: f64,
 }
 
 impl LineSamples<'_> {
-    /// The line without its flight.
+    /// Name of the line without its flight.
     fn line(&self) -> &str {
         self.name.strip_prefix(&self.flight).and_then(|rest| rest.strip_prefix('/')).unwrap_or(&self.name)
     }
 
-    /// Whether a user's name means it: the line, the flight with all its lines, or flight/line.
+    /// Returns whether a name refers to this line: the line, its flight, or flight/line.
     fn is_named(&self, name: &str) -> bool {
         [self.line(), self.flight.as_str(), self.name.as_str()].contains(&name)
     }
 
-    /// Some columns of its rows, row-major.
+    /// Columns of its rows, row-major.
     pub fn columns(&self, at: &[usize], width: usize) -> Vec<f64> {
         let mut out = Vec::with_capacity(self.y.len() * at.len());
         self.add_columns(at, width, &mut out);
@@ -56,10 +56,10 @@ impl LineSamples<'_> {
 }
 
 impl Samples<'_> {
-    /// The places of the entries `names`, each a name or what several names have before a `_`; of all without.
+    /// Positions of the entries `names`, each a name or a prefix of several names before a `_`. All positions without
+    /// `names`.
     ///
-    /// # Errors
-    /// When an entry is not there or chosen twice, or none is chosen.
+    /// # Errors If an entry is missing or chosen twice, or none is chosen.
     pub fn places(&self, names: Option<&Vec<String>>) -> Result<Vec<usize>, Fault> {
         match names {
             Some(names) => places(names, self.names),
@@ -67,7 +67,7 @@ impl Samples<'_> {
         }
     }
 
-    /// Some columns of some lines, one line behind the other.
+    /// Columns of some lines, joined.
     pub fn columns(&self, at: &[usize], lines: &[usize]) -> Vec<f64> {
         let lines = || lines.iter().filter_map(|&i| self.lines.get(i));
         let mut out = Vec::with_capacity(lines().map(|line| line.y.len()).sum::<usize>() * at.len());
@@ -75,55 +75,54 @@ impl Samples<'_> {
         out
     }
 
-    /// The numbers of rows of the runs of some lines.
+    /// Lengths of the runs of some lines.
     pub fn runs(&self, lines: &[usize]) -> Vec<usize> {
         let lines = lines.iter().filter_map(|&i| self.lines.get(i));
         lines.flat_map(|line| line.runs.iter().map(Range::len)).collect()
     }
 
-    /// The rate of all lines, Hz.
+    /// Sample rate of all lines, Hz.
     ///
-    /// # Errors
-    /// When they differ by more than a hundredth.
+    /// # Errors If the rates differ by more than 1 %.
     pub fn rate_hz(&self) -> Result<f64, Fault> {
         let rates = || self.lines.iter().map(|line| line.rate_hz);
         let (least, most) = (rates().fold(f64::INFINITY, f64::min), rates().fold(0.0, f64::max));
         if most > 1.01 * least {
-            let what = format!("the lines have from {least} to {most} samples a second, and a window needs one rate");
+            let what = format!("the lines have sample rates from {least} to {most} Hz, but a window requires one rate");
             return Err(Fault::data(what).help("add a `resample` stage before this one"));
         }
         Ok(most)
     }
 
-    /// The target of some lines.
+    /// Target of some lines.
     pub fn target(&self, lines: &[usize]) -> Vec<f64> {
         lines.iter().filter_map(|&i| self.lines.get(i)).flat_map(|line| line.y.to_vec()).collect()
     }
 
-    /// The lines to train on, and those that the user names to validate with.
+    /// Training lines, and the lines that the user names for validation.
     ///
-    /// # Errors
-    /// When a name is that of no line of the fit, or no line is left to train on.
+    /// # Errors If a name matches no line of the fit, or no training line remains.
     pub fn split(&self, validation: &[String]) -> Result<(Vec<usize>, Vec<usize>), Fault> {
         let wrong = |what: String| Fault::data(what).of_param("validation");
         if let Some(name) = validation.iter().find(|name| !self.lines.iter().any(|line| line.is_named(name))) {
             let known: Vec<String> = self.lines.iter().map(|line| line.name.clone()).collect();
-            return Err(wrong(format!("`{name}` is no line of the fit, and no flight")).nearest(name, &known));
+            return Err(wrong(format!("`{name}` is neither a line nor a flight of the fit")).nearest(name, &known));
         }
         let is_validation = |i: &usize| validation.iter().any(|name| self.lines[*i].is_named(name));
         let (validate, train): (Vec<usize>, Vec<usize>) = (0..self.lines.len()).partition(is_validation);
         if train.is_empty() {
-            return Err(wrong("no line is left to train on".to_owned()).help("select more lines in `where`"));
+            return Err(wrong("no line remains for training".to_owned())
+                .help("select more lines with `where`, or name fewer in `validation`"));
         }
         Ok((train, validate))
     }
 }
 
-/// What one point of a sweep begins with, keeps and says while it learns.
+/// Saved state, storage and progress of one point of a sweep during training.
 pub struct PointWork<'a> {
-    /// That of all points.
+    /// Work of all points.
     pub work: &'a dyn Work,
-    /// The point's place among them.
+    /// Position of the point among them.
     pub point: usize,
 }
 
@@ -140,10 +139,9 @@ impl PointWork<'_> {
 
     /// See [`Work::goes_on`].
     ///
-    /// # Errors
-    /// When it does not go on.
+    /// # Errors If the run is interrupted.
     pub fn goes_on(&self, progress: &str) -> Result<(), Fault> {
-        let stopped = || Fault::machine("interrupted").help("run it again: it goes on from where it was");
+        let stopped = || Fault::machine("interrupted").help("run the same command again to resume");
         if self.work.goes_on(self.point, progress).is_break() { Err(stopped()) } else { Ok(()) }
     }
 }

@@ -1,47 +1,47 @@
-//! The settings that models have in common.
+//! Settings that models share.
 
 use numerics::regression::least_squares::{LineScores, Scaling};
 use schemas::choice;
 
 choice! {
-    /// How `lambda` or the number of components is found.
+    /// Method that selects `lambda` or the number of components.
     pub enum Choose {
-        /// It is given.
+        /// The given value.
         Given = "given",
-        /// By generalised cross-validation.
+        /// Generalised cross-validation.
         Gcv = "gcv",
-        /// At the corner of the L-curve.
+        /// Corner of the L-curve.
         LCurve = "l_curve",
-        /// By leaving each line out in turn.
+        /// Cross-validation that omits each line in turn.
         LeaveOneLineOut = "leave_one_line_out",
-        /// By leaving each flight out in turn, with all its lines.
+        /// Cross-validation that omits each flight in turn, with all its lines.
         LeaveOneFlightOut = "leave_one_flight_out",
     }
 }
 
 impl Choose {
-    /// Whether lines or flights are left out.
+    /// Returns whether lines or flights are omitted.
     pub fn leaves_out(self) -> bool {
         matches!(self, Choose::LeaveOneLineOut | Choose::LeaveOneFlightOut)
     }
 }
 
 choice! {
-    /// What columns are divided by before they are penalised, as the spec says it.
+    /// Divisor of columns before the penalty, as named in the spec.
     pub enum Divisor {
-        /// Nothing.
+        /// No scaling.
         None = "none",
-        /// Their standard deviation over n - 1.
+        /// Standard deviation over n - 1.
         Standardise = "standardise",
-        /// Their largest absolute value.
+        /// Largest absolute value.
         MaxAbs = "max_abs",
-        /// Their largest less their smallest value.
+        /// Largest minus smallest value.
         MinMax = "min_max",
     }
 }
 
 impl Divisor {
-    /// As the numerics call it.
+    /// The same scaling, as named in the numerics.
     pub const fn scaling(self) -> Scaling {
         match self {
             Divisor::None => Scaling::None,
@@ -52,39 +52,39 @@ impl Divisor {
     }
 }
 
-/// What a model is made of.
+/// Data that a model is fitted to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MadeOf {
-    /// The moments of the lines, whose factors a whole sweep shares.
+    /// Moments of the lines, whose factors a whole sweep shares.
     Moments,
-    /// The rows themselves.
+    /// Filtered rows.
     Rows,
-    /// The rows as they are, unfiltered: the model is not linear, and learns.
+    /// Unfiltered rows: the model is nonlinear and learns from samples.
     Samples,
 }
 
-/// What most models have in common, with the defaults of the model put in.
+/// Settings that most models have, including the defaults of the model.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
-    /// What columns are divided by before they are penalised.
+    /// Divisor of columns before the penalty.
     pub scaling: Scaling,
     /// Whether a constant is fitted too.
     pub intercept: bool,
-    /// How `lambda` or the number of components is found.
+    /// Method that selects `lambda` or the number of components.
     pub choose: Choose,
-    /// Whether the simplest model within one standard error of the best is taken.
+    /// Whether the simplest model within one standard error of the best is selected.
     pub one_standard_error: bool,
-    /// How many whitened components take the place of the features, or what part of the variance they hold.
+    /// Number of whitened components that replace the features, or below 1 the fraction of the variance.
     pub whiten: Option<f64>,
 }
 
 impl Settings {
-    /// Whether columns stand on the same scale in both.
+    /// Returns whether both have the same scaling of columns.
     pub fn same_scale(&self, other: &Settings) -> bool {
         (self.scaling, self.intercept) == (other.scaling, other.intercept)
     }
 
-    /// The place of the solution to take.
+    /// Index of the selected solution.
     pub fn pick(&self, scores: &LineScores) -> usize {
         if self.one_standard_error { scores.within_one_error } else { scores.best }
     }

@@ -1,4 +1,4 @@
-//! The model of one point, ready for its table.
+//! Fitted model of one point, in the form of its table.
 
 use std::ops::Range;
 
@@ -21,52 +21,51 @@ use crate::{
     trained::{Learned, Term, term},
 };
 
-/// A row of a model's table.
+/// Row of a model table.
 pub struct Row {
-    /// The term and its value.
+    /// Term and value.
     pub term: Term,
-    /// One sigma of the value; NaN where the model knows none.
+    /// Standard deviation of the value. NaN if the model provides none.
     pub std: f64,
 }
 
-/// Of what the noise of a model is found.
+/// Source of the residual noise of a model.
 pub enum Left {
-    /// Of the coefficients of a linear one, with their terms.
+    /// Coefficients of a linear model, with their terms.
     By(LinearFit, Vec<String>),
-    /// Of what it leaves of the rows of each line.
+    /// Residual of each row of each line.
     Series(Vec<Blocks>),
 }
 
-/// A fitted model, ready for its table.
+/// Fitted model, in the form of its table.
 pub struct Solved {
-    /// The model, and how it was trained.
+    /// Rows of the model and of its training.
     pub table: Vec<Row>,
-    /// Of what its noise is found.
+    /// Source of the residual noise.
     pub left: Left,
-    /// Rows that were used, and rows of the selected lines that were not.
+    /// Number of rows used, and number of rows of the selected lines that were not.
     pub rows: (usize, usize),
-    /// The condition number of the scaled matrix; NaN for a model that is not linear.
+    /// Condition number of the scaled matrix. NaN for a nonlinear model.
     pub condition: f64,
-    /// Standard deviation of what is left of the target, filtered where it was.
+    /// Standard deviation of the residual of the target, filtered if the target was.
     pub residual_std: f64,
-    /// The ridge parameter, number of components or epoch that was used.
+    /// Ridge parameter, number of components or epoch used.
     pub chosen: f64,
-    /// How much of the total field is explained away; NaN where the terms cannot tell.
+    /// Fraction of the total field attributed to the aircraft. NaN if the terms do not determine it.
     pub trivial_share: f64,
-    /// What the linear form misses at most; NaN where the terms cannot tell.
+    /// Upper bound on the error of the linear form. NaN if the terms do not determine it.
     pub approximation_bound_nt: f64,
-    /// The lines whose rows were used.
+    /// Lines whose rows were used.
     pub lines: String,
-    /// The rate at which terms are differences per sample, Hz.
+    /// Rate at which terms are differences per sample, Hz.
     pub rate_hz: f64,
-    /// What to know before the fit is trusted.
+    /// Warning about the fit.
     pub warning: String,
 }
 
-/// The linear model of one point.
+/// Linear model of one point.
 ///
-/// # Errors
-/// As [`FitModel::fit`](super::FitModel::fit), and when the decomposition does not converge.
+/// # Errors The same as [`FitModel::fit`](super::FitModel::fit). If the decomposition does not converge.
 pub fn solve(problem: &mut Problem, point: &Point) -> Result<Solved, Fault> {
     let (prepared, excited) = problem.prepared(&point.settings)?;
     let answer = point.model.fit(problem, &point.settings, &prepared)?;
@@ -109,7 +108,8 @@ fn warning(
     let weak = excited.message().filter(|_| nothing_given);
     let trivial = trivial.filter(|t| t.is_trivial()).map(|t| {
         format!(
-            "the fit calls {:.0} % of the total field the aircraft's, which is the trivial solution: take a larger `lambda`",
+            "the fit attributes {:.0} % of the total field to the aircraft, which is the trivial solution; increase \
+             `lambda`",
             100.0 * t.share
         )
     });
@@ -117,21 +117,18 @@ fn warning(
 }
 
 fn too_short(unused: &str) -> Option<String> {
-    (!unused.is_empty()).then(|| format!("too short for filter and trim, so not used: {unused}"))
+    (!unused.is_empty()).then(|| format!("not used because too short for filter and trim: {unused}"))
 }
 
-/// A model that was made of samples, with what it leaves of them.
+/// Model that learned from samples, with its residual.
 ///
-/// # Errors
-/// When the model predicts what is not finite.
+/// # Errors If the model predicts values that are not finite.
 pub fn solved(problem: &Problem, samples: &Samples, learnt: Learnt) -> Result<Solved, Fault> {
     let Learnt { model, chosen, curve, warning } = learnt;
     let left = samples.lines.iter().map(|line| residual(samples, line, &model)).collect::<Result<Vec<_>, Fault>>()?;
     let all: Vec<f64> = left.iter().flatten().copied().collect();
     if all.iter().any(|x| !x.is_finite()) {
-        return Err(
-            Fault::data("the model predicts numbers that are not finite").help("take a smaller `learning_rate`")
-        );
+        return Err(Fault::data("the model predicts values that are not finite").help("reduce `learning_rate`"));
     }
     let series = left.iter().zip(&samples.lines).map(|(left, line)| Blocks::of(left, line.runs, line.rate_hz));
     let used = problem.merged.rows();
@@ -152,7 +149,7 @@ pub fn solved(problem: &Problem, samples: &Samples, learnt: Learnt) -> Result<So
     })
 }
 
-/// What a model leaves of the target of a line.
+/// Residual of the target of a line.
 fn residual(samples: &Samples, line: &LineSamples, model: &Learned) -> Result<Vec<f64>, Fault> {
     let place = |name: &String| samples.names.iter().position(|n| n == name);
     let at: Option<Vec<usize>> = model.columns().iter().map(place).collect();

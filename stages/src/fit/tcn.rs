@@ -1,4 +1,4 @@
-//! Causal convolutions over a window, before a network.
+//! Causal convolutions over a window, followed by a network.
 
 use learning::network::{Form, Memory};
 
@@ -8,8 +8,8 @@ use super::{
 };
 
 model! {
-    /// Causal convolutions make features of a window of samples, the predicted one and those before it, and a network of
-    /// these features predicts the target. It represents what lags and what depends on the way there.
+    /// Causal convolutions compute features of a window of samples, and a network predicts the target from these
+    /// features. The window ends at the predicted sample. The model represents delays and hysteresis.
     ///
     /// Source: Bai, Kolter and Koltun 2018, "An empirical evaluation of generic convolutional and recurrent networks for
     /// sequence modeling".

@@ -1,4 +1,4 @@
-//! The network of thesis 004 beside the model of Tolles and Lawson.
+//! Network of thesis 004 combined with the Tolles-Lawson model.
 
 use learning::network::Form;
 
@@ -8,8 +8,8 @@ use super::{
 };
 
 model! {
-    /// A network of what the model of Tolles and Lawson leaves, as `m2b`, with the one hidden layer of 11 units that thesis
-    /// 004 found by search.
+    /// A network predicts the residual of the Tolles-Lawson model, as in `m2b`. It has one hidden layer of 11 units,
+    /// which the search in thesis 004 selected.
     ///
     /// Source: thesis 004, section 4.4.1 and Table 4.6.
     TollesLawsonNetwork = "tlnn", version 1, scaling Standardise, intercept true, made of Samples, choose [Given], takes [whiten],

@@ -1,4 +1,4 @@
-//! The model of Tolles and Lawson: the ridge of columns as they are.
+//! The Tolles-Lawson model: a ridge of unscaled columns.
 
 use super::{
     model::model,
@@ -6,8 +6,8 @@ use super::{
 };
 
 model! {
-    /// Minimises \|y - A b\|^2 + `lambda` \|b\|^2 of columns as they are, without a constant. Its feature is `tl`, of
-    /// `a_matrix`. Without a penalty it is ordinary least squares.
+    /// Minimises \|y - A b\|^2 + `lambda` \|b\|^2 of unscaled columns, without a constant. Its feature is `tl`, of
+    /// `a_matrix`. With `lambda = 0` it is ordinary least squares.
     ///
     /// Source: Tolles and Lawson 1950; Leliak 1961; thesis 000, (3.19) to (3.43).
     TollesLawson = "tolles_lawson", version 1, scaling None, intercept false, made of Moments,

@@ -14,13 +14,13 @@ use super::{
 use crate::columns::data;
 
 model! {
-    /// Least squares on the first `components` principal components of standardised columns: directions that the flight
-    /// excites least are left out.
+    /// Least squares on the first `components` principal components of standardised columns. The directions that the
+    /// flight excites least are omitted.
     ///
     /// Source: Hansen 1987, "The truncated SVD as a method for regularization".
     TruncatedSvd = "truncated_svd", version 1, scaling Standardise, intercept true, made of Moments,
     choose [Given, LeaveOneLineOut, LeaveOneFlightOut], takes [one_standard_error, whiten], example "components = 6";
-    /// How many components, the most of them where they are chosen.
+    /// Number of components, or the maximum number if it is chosen.
     components: usize, unit "", default 18usize, rule Rule::Between(1.0, 10000.0);
 }
 
@@ -29,13 +29,13 @@ impl FitModel for TruncatedSvd {
         let most = self.components.min(problem.terms.len());
         let count = if settings.choose.leaves_out() { chosen(problem, settings, most)? } else { most };
         let fits = truncated_svd::path(prepared, 0).map_err(data)?;
-        let fit = fits.into_iter().take(count).next_back().ok_or_else(|| Fault::data("no feature varies"))?;
+        let fit = fits.into_iter().take(count).next_back().ok_or_else(|| Fault::data("all features are constant"))?;
         let free = problem.free(fit.components, settings);
         Ok(Answer::without_errors(fit.fit, (fit.residual_squares / free).sqrt(), fit.components as f64))
     }
 }
 
-/// The number of components that predicts lines or flights best.
+/// Number of components with the smallest cross-validation error.
 fn chosen(problem: &Problem, settings: &Settings, most: usize) -> Result<usize, Fault> {
     let (scaling, intercept) = (settings.scaling, settings.intercept);
     let groups = problem.groups(settings)?;

@@ -1,5 +1,5 @@
-//! The unfiltered rows of a line in short: means over about a second, with some steps between neighbouring samples, of
-//! which the residual of any model is found.
+//! Summary of the unfiltered rows of a line, from which the residual of any model is computed: means over about a
+//! second, with some steps between neighbouring samples.
 
 use std::{collections::BTreeMap, ops::Range};
 
@@ -16,21 +16,21 @@ use crate::{
     dates::{first_year, years},
 };
 
-/// Steps between neighbours that are kept of a line, evenly spread.
+/// Number of steps between neighbours kept per line, evenly spaced.
 const STEPS: usize = 1000;
-/// A target of this size is a total field, of which core field and temporal variation are no noise.
+/// Range of a target that is a total field, nT. Core field and diurnal variation of such a target are not noise.
 const TOTAL_NT: Range<f64> = 15_000.0..80_000.0;
 
-/// The columns beside target and features that the noise is found with, where a line has them: the core field, or what it
-/// is computed of, and the temporal variation.
+/// Columns, if the line has them, that are subtracted before the noise is estimated: the core field, or the inputs to
+/// compute it, and the diurnal variation.
 pub const EARTH: [&str; 7] = ["igrf", "diurnal", "ins_lat", "ins_lon", "ins_alt", "year", "doy"];
 
-/// Columns over the blocks and steps of a line: each column's values in the order of [`Layout`].
+/// Values of columns over blocks and steps of a line, in the order of [`Layout`].
 type Values = Vec<f64>;
 
-/// Where blocks and steps lie on a line.
+/// Position of blocks and steps on a line.
 struct Layout {
-    /// Rows of each run, in blocks of the same length.
+    /// Rows of each run, in blocks of equal length.
     runs: Vec<Range<usize>>,
     block: usize,
     /// First rows of the steps.
@@ -51,14 +51,14 @@ impl Layout {
         Self { runs: runs.iter().map(whole).filter(|r| !r.is_empty()).collect(), block, steps, rate_hz }
     }
 
-    /// Means over blocks and then the steps of a column whose value in a row is `at`.
+    /// Means over blocks, then steps, of a column whose value in a row is `at`.
     fn values(&self, at: impl Fn(usize) -> f64) -> Values {
         let blocks = self.runs.iter().flat_map(|r| r.clone().step_by(self.block));
         let mean = |first: usize| (first..first + self.block).map(&at).sum::<f64>() / self.block as f64;
         blocks.map(mean).chain(self.steps.iter().map(|s| at(s + 1) - at(*s))).collect()
     }
 
-    /// The series of a residual in the order of [`Layout::values`].
+    /// Residual in the order of [`Layout::values`].
     fn blocks(&self, values: &[f64]) -> Blocks {
         let mut rest = values;
         let mut runs = vec![];
@@ -72,17 +72,17 @@ impl Layout {
     }
 }
 
-/// The unfiltered rows of a line in short, for one set of usable rows.
+/// Summary of the unfiltered rows of a line, for one set of usable rows.
 pub struct Wide {
     layout: Layout,
     features: BTreeMap<String, Vec<Values>>,
     targets: BTreeMap<String, (Values, Removed)>,
-    /// The earth's parts of a total field.
+    /// Core field and diurnal variation of a total field.
     earth: Vec<(Correction, Values)>,
 }
 
 impl Wide {
-    /// Of the rows `runs` of a line.
+    /// Summary of the rows `runs` of a line.
     pub fn new(batch: &RecordBatch, runs: &[Range<usize>], rate_hz: f64) -> Self {
         let layout = Layout::new(runs, rate_hz);
         let core = floats(batch, "igrf").ok().map(|x| layout.values(|row| x[row]));
@@ -94,21 +94,21 @@ impl Wide {
         Self { layout, features: BTreeMap::new(), targets: BTreeMap::new(), earth }
     }
 
-    /// Adds a feature: a column, or a list of `width` entries a row.
+    /// Adds a feature: a column, or a list of `width` entries per row.
     pub fn feature(&mut self, name: &str, values: &[f64], width: usize) {
         let layout = &self.layout;
         let entry = |at: usize| layout.values(|row| values[row * width + at]);
         self.features.entry(name.to_owned()).or_insert_with(|| (0..width).map(entry).collect());
     }
 
-    /// Adds a target, with the corrections that the field of its column says it has had.
+    /// Adds a target, with the corrections in the metadata of its column.
     pub fn target(&mut self, name: &str, values: &[f64], field: Option<&Field>) {
         let (layout, removed) = (&self.layout, field.map(|field| describe_field(field).removed).unwrap_or_default());
         self.targets.entry(name.to_owned()).or_insert_with(|| (layout.values(|row| values[row]), removed));
     }
 
-    /// What a model leaves of the target: `terms` are the names of all entries of the features, one after the other, and
-    /// `coefficients` those that the model has, with their names.
+    /// Residual of the target. `terms` are the names of all entries of the features in order, and `coefficients` are
+    /// those of the model, with their names.
     pub fn residual<'a>(
         &self,
         target: &str,
@@ -133,7 +133,7 @@ impl Wide {
     }
 }
 
-/// The core field from the positions of the INS and the date of the flight.
+/// Core field at the positions of the INS and the date of the flight.
 fn computed(batch: &RecordBatch, layout: &Layout) -> Option<Values> {
     first_year(batch).ok()?;
     let [lat, lon, alt] = ["ins_lat", "ins_lon", "ins_alt"].map(|name| floats(batch, name).ok());

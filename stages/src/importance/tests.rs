@@ -190,5 +190,5 @@ fn law_the_first_layer_of_a_network_by_hand() {
     let deviation = std::f64::consts::FRAC_1_SQRT_2;
     near(&run(&importance(Method::GroupLasso), &network).unwrap().1, &[2.5 * deviation, 0.5 * deviation], 0.02);
     let fault = run(&importance(Method::GroupLasso), &TERMS).err().unwrap();
-    assert!(fault.what.contains("no network") && fault.param.as_deref() == Some("method"), "{fault}");
+    assert!(fault.what.contains("not a network") && fault.param.as_deref() == Some("method"), "{fault}");
 }

@@ -1,4 +1,4 @@
-//! What groups of inputs matter on a line, by each method.
+//! Importance of groups of inputs on a line, by each method.
 
 use std::{convert::Infallible, fmt::Display};
 
@@ -19,26 +19,26 @@ use crate::{
     trained::{Layers, Learned, Parts},
 };
 
-/// A column whose deviation is below this part of its mean holds nothing but the rounding of its mean.
+/// A column whose standard deviation is below this fraction of its mean holds only rounding errors.
 const LEAST_DEVIATION: f64 = 1e-12;
 
-/// What a group matters.
+/// Importance of a group.
 pub struct Weight {
-    /// How much.
+    /// Value of the importance.
     pub value: f64,
-    /// The standard deviation behind a mean; NaN without.
+    /// Standard deviation of the averaged values. NaN if there is none.
     pub spread: f64,
-    /// The standard error due to sampling; NaN without.
+    /// Standard error from random sampling. NaN if there is none.
     pub error: f64,
-    /// What is behind it.
+    /// Number of repeats, samples or networks used.
     pub n: usize,
 }
 
-/// What is found of a line.
+/// Results for a line.
 pub struct Found {
-    /// What each group matters.
+    /// Importance of each group.
     pub weights: Vec<Weight>,
-    /// The samples one by one, where they are explained.
+    /// Values of single samples, if they are explained.
     pub samples: Option<Samples>,
 }
 
@@ -50,15 +50,15 @@ impl From<Vec<Weight>> for Found {
 
 /// Explained samples.
 pub struct Samples {
-    /// The part of each group in the prediction of each sample, row-major.
+    /// Contribution of each group to the prediction of each sample, row-major.
     values: Vec<f64>,
-    /// The inputs, row-major.
+    /// Inputs, row-major.
     x: Vec<f64>,
     width: usize,
 }
 
 impl Samples {
-    /// The values and the inputs of `kept` of the samples, evenly spread, one group behind the other; NaN where there are fewer
+    /// Values and inputs of `kept` of the samples, evenly spaced, one group after the other. NaN if there are fewer
     /// samples, and for the input of a group of several.
     pub fn lists(&self, kept: usize, groups: &[Vec<usize>]) -> [Vec<f64>; 2] {
         let count = self.x.len() / self.width.max(1);
@@ -74,7 +74,7 @@ impl Samples {
     }
 }
 
-/// The rows of a line that count.
+/// Rows of a line that are used.
 pub struct Rows {
     x: Vec<f64>,
     y: Vec<f64>,
@@ -83,10 +83,9 @@ pub struct Rows {
 }
 
 impl Rows {
-    /// Those of a line.
+    /// Rows of a line that are used.
     ///
-    /// # Errors
-    /// When the line lacks a column, is not evenly sampled, or has no two such rows.
+    /// # Errors If the line lacks a column, is not evenly sampled, or has fewer than two such rows.
     pub fn of(stage: &Importance, line: &LineIn, fitted: &Fitted) -> Result<Self, Fault> {
         let batch = line.inputs.first().ok_or_else(|| Fault::bug("a stage without an input"))?;
         let (tt, target) = (floats(batch, "tt")?, floats(batch, &stage.target)?);
@@ -97,14 +96,14 @@ impl Rows {
             |row: &usize| kept(*row) && target[*row].is_finite() && inputs.iter().all(|c| value(c, *row).is_finite());
         let rows: Vec<usize> = (0..target.len()).filter(whole).collect();
         if rows.len() < 2 {
-            return Err(Fault::data("no two samples of the line have the target and all inputs of the model"));
+            return Err(Fault::data("fewer than two samples of the line have the target and all inputs of the model"));
         }
         let x = rows.iter().flat_map(|&row| inputs.iter().map(move |c| value(c, row))).collect();
         let y = rows.iter().map(|&row| target[row]).collect();
         Ok(Self { x, y, width: inputs.len(), rate_hz: even_rate_hz(tt)? })
     }
 
-    /// Some of the rows, evenly spread.
+    /// Some of the rows, evenly spaced.
     fn spread(&self, most: usize) -> Vec<f64> {
         let (rows, count) = (self.y.len(), self.y.len().min(most));
         let at = (0..count).map(|k| (2 * k + 1) * rows / (2 * count));
@@ -117,10 +116,9 @@ impl Rows {
 }
 
 impl Importance {
-    /// The groups of entries: those that are named, then every other entry by itself.
+    /// Groups of entries: the named groups, then every other entry as a separate group.
     ///
-    /// # Errors
-    /// When a group has no entry, or shares one with another.
+    /// # Errors If a group has no entry, or shares one with another.
     pub fn grouped(&self, columns: &[String]) -> Result<(Vec<String>, Vec<Vec<usize>>), Fault> {
         let mut left: Vec<bool> = vec![true; columns.len()];
         let (mut names, mut groups) = (vec![], vec![]);
@@ -147,10 +145,9 @@ impl Importance {
         if groups.is_empty() { Err(Fault::data("the model has no inputs")) } else { Ok((names, groups)) }
     }
 
-    /// What each group matters on a line.
+    /// Importance of each group on a line.
     ///
-    /// # Errors
-    /// When the method is not for the model, or the line is too short for it.
+    /// # Errors If the method does not suit the model, or the line is too short for it.
     pub fn weights(&self, rows: &Rows, fitted: &Fitted, groups: &[Vec<usize>]) -> Result<Found, Fault> {
         match self.method {
             Method::Permutation => Ok(self.permuted(rows, fitted, groups)?.into()),
@@ -169,7 +166,7 @@ impl Importance {
         let predict = |x: &[f64]| Ok::<_, Infallible>(fitted.field_nt(x));
         let block = (self.block_s * rows.rate_hz).round().max(1.0) as usize;
         let blocks = Blocks { rows: block, repeats: self.repeats, seed: self.seed as u64 };
-        // As where lines are left out in `fit`, the mean of what the model misses does not count.
+        // As in the cross-validation of `fit`, the mean of the model's error is ignored.
         let missed: Vec<f64> = rows.y.iter().zip(fitted.field_nt(&rows.x)).map(|(y, f)| y - f).collect();
         let mean = statistics::mean(&missed).value;
         let y: Vec<f64> = rows.y.iter().map(|y| y - mean).collect();
@@ -209,7 +206,7 @@ impl Importance {
             (_, Some((b, _))) => Ok(b.repeat(x.len() / b.len().max(1))),
             (Body::Learned(learned), None) => {
                 let none =
-                    || Fault::data("the model has no gradient").help("take the method `shapley`").of_param("method");
+                    || Fault::data("the model has no gradient").help("set `method = \"shapley\"`").of_param("method");
                 learned.gradient(x).ok_or_else(none)
             }
             (Body::Linear { .. }, None) => Err(Fault::bug("a linear model without coefficients")),
@@ -226,7 +223,7 @@ impl Importance {
 }
 
 impl Importance {
-    /// The coefficients of the best sparse linear model of standardised entries.
+    /// Coefficients of the best sparse linear model of standardised entries.
     fn sparse(&self, rows: &Rows, groups: &[Vec<usize>]) -> Result<Vec<Weight>, Fault> {
         let scales: Vec<(f64, f64)> = (0..rows.width).map(|j| mean_and_deviation(&rows.column(j))).collect();
         let varies = |j: &usize| scales[*j].1 > LEAST_DEVIATION * scales[*j].0.abs();
@@ -240,8 +237,9 @@ impl Importance {
             let y: Vec<f64> = rows.y.iter().map(|y| y - mean).collect();
             let found = iterative_hard_thresholding(&z, at.len(), &y, self.terms.min(at.len())).map_err(refused)?;
             if !found.converged {
-                let what = format!("the linear model of {} entries is not found in {} steps", self.terms, found.steps);
-                let help = "take fewer `terms`, or leave entries out that say the same";
+                let what =
+                    format!("the linear model of {} entries does not converge in {} steps", self.terms, found.steps);
+                let help = "reduce `terms`, or remove correlated entries";
                 return Err(Fault::data(what).of_param("terms").help(help));
             }
             at.iter().zip(found.coefficients).for_each(|(&j, b)| coefficients[j] = b);
@@ -256,16 +254,16 @@ impl Importance {
     }
 }
 
-/// The size of the weights of each group of inputs in the first layer of a network, in deviations of the inputs on the line. An
-/// entry that is no input of the network has none: NaN.
+/// Norm of the weights of each group of inputs in the first layer of a network, in standard deviations of the inputs on
+/// the line. NaN for an entry that is not an input of the network.
 fn first_layer(rows: &Rows, fitted: &Fitted, groups: &[Vec<usize>]) -> Result<Vec<Weight>, Fault> {
     let network = match &fitted.body {
         Body::Learned(learned) => learned.parts(),
         Body::Linear { .. } => None,
     };
     let Some(Parts { inputs, scaling, layers: Layers::Dense(shape), members, .. }) = network else {
-        let what = "the model is no network, and `group_lasso` is the size of the weights of its first layer";
-        return Err(Fault::data(what).of_param("method").help("take another method"));
+        let what = "the model is not a network, but `group_lasso` uses the weights of the first layer of a network";
+        return Err(Fault::data(what).of_param("method").help("choose another `method`"));
     };
     let outputs = match shape.form {
         Form::Weights | Form::WeightsAroundFixed => shape.linear,
@@ -273,7 +271,7 @@ fn first_layer(rows: &Rows, fitted: &Fitted, groups: &[Vec<usize>]) -> Result<Ve
     };
     let units = shape.hidden.first().copied().unwrap_or(outputs);
     let own = inputs.len();
-    // The weight of a standardised input in a unit, through the components where there are some.
+    // Weight of a standardised input in a unit, through the components if there are any.
     let weight = |of_unit: &[f64], j: usize| match &scaling.components {
         Some(components) => of_unit.iter().enumerate().map(|(k, w)| w * components.weights[k * own + j]).sum::<f64>(),
         None => of_unit[j],
@@ -284,7 +282,7 @@ fn first_layer(rows: &Rows, fitted: &Fitted, groups: &[Vec<usize>]) -> Result<Ve
             let deviation = mean_and_deviation(&rows.column(j)).1 / scaling.scale[j];
             deviation * root_of_squares(layer.chunks_exact(shape.inputs.max(1)).map(|unit| weight(unit, j)))
         };
-        // Inputs are the first of the columns; the others are linear terms alone.
+        // Inputs are the first columns; the others are linear terms only.
         (0..own).map(of).collect()
     };
     let members: Vec<Vec<f64>> = members.iter().map(sizes).collect();
@@ -311,7 +309,7 @@ fn refused(e: impl Display) -> Fault {
     data(e)
 }
 
-/// The mean absolute value of each group over the rows `x`, and the rows.
+/// Mean absolute value of each group over the rows `x`, and the rows.
 fn of_rows(found: Attributions, x: Vec<f64>, groups: &[Vec<usize>]) -> Found {
     let count = groups.len();
     let of = |values: &[f64], g: usize| -> Vec<f64> { values.iter().skip(g).step_by(count).map(|v| v.abs()).collect() };
@@ -325,7 +323,7 @@ fn of_rows(found: Attributions, x: Vec<f64>, groups: &[Vec<usize>]) -> Found {
     Found { weights, samples: Some(Samples { values: found.values, x, width }) }
 }
 
-/// The correlation with the target of that entry of each group that has the largest; NaN where all are constant.
+/// Correlation with the target, for the entry of each group with the largest. NaN if all are constant.
 fn correlations(rows: &Rows, groups: &[Vec<usize>], of: fn(&[f64], &[f64]) -> statistics::Figure) -> Vec<Weight> {
     let one = |group: &Vec<usize>| {
         let all = group.iter().map(|&j| of(&rows.column(j), &rows.y).value).filter(|c| c.is_finite());

@@ -1,4 +1,4 @@
-//! The lines of a survey, gathered for the points of a sweep.
+//! Lines of a survey, gathered for the points of a sweep.
 
 use std::collections::BTreeMap;
 
@@ -14,16 +14,16 @@ pub struct Survey {
     stages: Vec<MapGrid>,
 }
 
-/// The rows of a line that are selected and have a position.
+/// Rows of a line that are selected and have a position.
 pub struct Part {
     name: String,
-    /// The rows of the line.
+    /// Rows of the line.
     rows: Vec<u64>,
     columns: BTreeMap<String, Vec<f64>>,
 }
 
 impl Survey {
-    /// For these points of a sweep.
+    /// Points of a sweep that use the part.
     pub fn new(stages: Vec<&MapGrid>) -> Survey {
         Survey { stages: stages.into_iter().cloned().collect() }
     }
@@ -63,7 +63,7 @@ impl Gather for Survey {
     }
 }
 
-/// The map of one point of the sweep.
+/// Map of one point of the sweep.
 fn mapped(stage: &MapGrid, parts: &[&Part]) -> Result<Product, Fault> {
     let reads = stage.reads();
     let usable = |part: &&&Part| !part.rows.is_empty() && reads.iter().all(|name| part.columns.contains_key(*name));
@@ -94,13 +94,13 @@ fn mapped(stage: &MapGrid, parts: &[&Part]) -> Result<Product, Fault> {
     Ok(Product { columns: columns(&stage.apply(&mut survey, &|_, _, _| ())?)?, warnings })
 }
 
-/// What is said of points that are left out because they are far from all others.
+/// Warning about omitted points that are far from all others.
 fn told(far: usize, first: usize, survey: &SurveyPoints) -> String {
     let many = if far == 1 { "1 point is".to_owned() } else { format!("{far} points are") };
     let line = survey.line.get(first).and_then(|line| survey.lines.get(*line as usize));
     let line = line.map_or(String::new(), |line| format!(" of line {line}"));
     format!(
-        "{many} far from all others and left out, the first in row {}{line} at latitude {:.5}, longitude {:.5}; \
+        "{many} far from all others and omitted, the first in row {}{line} at latitude {:.5}, longitude {:.5}; \
          `keep_outliers = true` keeps such points",
         survey.row.get(first).copied().unwrap_or_default(),
         survey.lat_deg.get(first).copied().unwrap_or(f64::NAN),
@@ -108,7 +108,7 @@ fn told(far: usize, first: usize, survey: &SurveyPoints) -> String {
     )
 }
 
-/// The numbers of a column, whole ones too; NaN for null.
+/// Values of a column of numbers or integers. NaN for null.
 fn numbers(batch: &RecordBatch, name: &str) -> Result<Vec<f64>, Fault> {
     let whole = batch.column_by_name(name).and_then(|array| array.as_primitive_opt::<Int64Type>());
     match whole {

@@ -1,4 +1,4 @@
-//! The points of a survey: what is taken off their values, and which are far from all others.
+//! Points of a survey: corrections of their values, and removal of points far from all others.
 
 use grids::SurveyPoints;
 use numerics::{
@@ -13,10 +13,10 @@ use schemas::Fault;
 use super::{Core, MapGrid};
 use crate::columns::data;
 
-/// Metres of a degree of latitude.
+/// Length of one degree of latitude, m.
 const DEGREE_M: f64 = 111_195.0;
 
-/// The points as gridding takes them.
+/// The points in the form that gridding requires.
 pub fn survey<'a>(points: &'a SurveyPoints, line: &'a [usize]) -> gridding::SurveyPoints<'a> {
     gridding::SurveyPoints {
         easting_m: &points.easting_m,
@@ -27,18 +27,17 @@ pub fn survey<'a>(points: &'a SurveyPoints, line: &'a [usize]) -> gridding::Surv
     }
 }
 
-/// The heights of points for a surface that needs none: the mean of the known ones, or 0, where they are unknown.
+/// Heights for a surface that does not depend on them: unknown heights become the mean of the known ones, or 0.
 pub fn any_heights(points: &SurveyPoints) -> Vec<f64> {
     let known = || points.height_m.iter().filter(|h| h.is_finite());
     let mean = known().sum::<f64>() / known().count().max(1) as f64;
     points.height_m.iter().map(|h| if h.is_finite() { *h } else { mean }).collect()
 }
 
-/// Takes core field and diurnal variation off.
+/// Subtracts core field and diurnal variation.
 ///
-/// # Errors
-/// When the points lack the diurnal variation, core field, heights or dates that are needed, and for a date or
-/// position that does not exist or that the model does not cover.
+/// # Errors If the points lack the diurnal variation, core field, heights or dates that are needed. If a date or
+/// position is invalid or outside the model's range.
 pub fn reduce(stage: &MapGrid, points: &mut SurveyPoints) -> Result<(), Fault> {
     let lacks = |what: &str| Fault::data(format!("the points have no {what}"));
     if stage.remove_diurnal {
@@ -58,7 +57,7 @@ pub fn reduce(stage: &MapGrid, points: &mut SurveyPoints) -> Result<(), Fault> {
     let years = match stage.decimal_year {
         Some(year) => vec![year; points.len()],
         None => dates(points)?.ok_or_else(|| {
-            lacks("date in columns `year`, `doy` and `tt`").help("say `decimal_year`, such as 1990.5")
+            lacks("date in columns `year`, `doy` and `tt`").help("set `decimal_year`, such as `decimal_year = 1990.5`")
         })?,
     };
     let field = CoreTrack::new(model).field(&points.lat_deg, &points.lon_deg, &points.height_m, &years);
@@ -70,12 +69,12 @@ pub fn reduce(stage: &MapGrid, points: &mut SurveyPoints) -> Result<(), Fault> {
     Ok(())
 }
 
-/// The decimal year of each point; NaN where it has no date.
+/// Decimal year of each point. NaN if it has no date.
 fn dates(points: &SurveyPoints) -> Result<Option<Vec<f64>>, Fault> {
     let (Some(year), Some(doy)) = (points.extra.year.as_ref(), points.extra.doy.as_ref()) else { return Ok(None) };
     let tt = points.extra.tt_s.as_ref();
     let one = |i: usize| {
-        // Over midnight `tt` goes on, and the date moves on with it: only the time of the day is left to add.
+        // After midnight `tt` keeps counting and the date advances, so only the time of day is added.
         let tt = tt.map_or(0.0, |tt| tt[i].rem_euclid(86_400.0));
         if ![year[i], doy[i], tt].iter().all(|x| x.is_finite()) {
             return Ok(f64::NAN);
@@ -87,7 +86,7 @@ fn dates(points: &SurveyPoints) -> Result<Option<Vec<f64>>, Fault> {
     (0..points.len()).map(one).collect::<Result<Vec<f64>, Fault>>().map(Some)
 }
 
-/// Why nothing is left to grid.
+/// Fault when no point remains to grid.
 pub fn nothing_left(points: gridding::SurveyPoints, options: &CleanOptions) -> Fault {
     let cleaned = clean(points, options);
     let left_out = [
@@ -95,22 +94,21 @@ pub fn nothing_left(points: gridding::SurveyPoints, options: &CleanOptions) -> F
         (cleaned.far.len(), "far from all others"),
         (cleaned.duplicates.len(), "duplicates"),
         (cleaned.outliers.len(), "outliers"),
-        (cleaned.of_short_lines.len(), "of lines with too few points"),
+        (cleaned.of_short_lines.len(), "on lines with too few points"),
     ];
     let left_out: Vec<String> =
         left_out.iter().filter(|(n, _)| *n > 0).map(|(n, what)| format!("{n} {what}")).collect();
     let help = match points.height_m.iter().all(|h| h.is_nan()) {
         true => {
-            "equivalent sources need heights (`alt`, or the column that `--height` names); \
-             `method = \"minimum_curvature\"` needs none"
+            "equivalent sources require heights (`alt`, or the column that `--height` names); \
+             `method = \"minimum_curvature\"` requires none"
         }
-        false => "lines need five points or more; `method = \"minimum_curvature\"` needs no heights",
+        false => "lines require at least five points; `method = \"minimum_curvature\"` requires no heights",
     };
-    Fault::data(format!("none of {} points is left to grid: {}", points.len(), left_out.join(", "))).help(help)
+    Fault::data(format!("none of {} points remains to grid: {}", points.len(), left_out.join(", "))).help(help)
 }
 
-/// Takes away the positions of points that are far from all others, so that what follows leaves these out; says which
-/// they are.
+/// Removes the positions of points that are far from all others, so that later steps omit them. Returns these points.
 pub fn without_far(points: &mut SurveyPoints) -> Vec<usize> {
     let [east_m, north_m] = positions(points);
     let far = far_points(&east_m, &north_m);
@@ -120,8 +118,8 @@ pub fn without_far(points: &mut SurveyPoints) -> Vec<usize> {
     far
 }
 
-/// Metres east and north as the middle latitude has them: good enough to tell far from near, and defined where the
-/// points' own projection is not.
+/// Metres east and north at the middle latitude: accurate enough to detect distant points, and defined outside the
+/// points' own projection.
 fn positions(points: &SurveyPoints) -> [Vec<f64>; 2] {
     let middle = |values: &[f64]| {
         let mut known: Vec<f64> = values.iter().copied().filter(|x| x.is_finite()).collect();

@@ -149,7 +149,7 @@ fn gold_what_cannot_be_gridded_says_why() {
     let all = survey();
     assert!(refused(&[spacing(1e5)], &all).contains("below the extent"), "{}", refused(&[spacing(1e5)], &all));
     let low = [spacing(200.0), ("level_m", Literal::Float(-500.0))];
-    assert!(refused(&low, &all).contains("say `level_m = "), "{}", refused(&low, &all));
+    assert!(refused(&low, &all).contains("set `level_m = "), "{}", refused(&low, &all));
     let level = [spacing(200.0), ("level_order", Literal::Int(0))];
     assert!(refused(&level, &all).contains("no lines cross"), "{}", refused(&level, &all));
     let nothing = |name: &str| {
@@ -174,7 +174,7 @@ fn gold_what_cannot_be_gridded_says_why() {
     }
     let one = line_of(1, ["lat", "lon", "alt", "anomaly"].map(|name| (name, vec![45.0])).into());
     let said = refused(&[spacing(200.0)], &[one]);
-    assert!(said.contains("1 of lines with too few points"), "{said}");
+    assert!(said.contains("1 on lines with too few points"), "{said}");
     let said = refused(&[spacing(200.0)], &all[..1]);
-    assert!(said.contains("no node of the map is near enough"), "{said}");
+    assert!(said.contains("no node of the map is within `mask_m`"), "{said}");
 }

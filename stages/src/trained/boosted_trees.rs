@@ -20,7 +20,7 @@ pub struct BoostedTrees {
 }
 
 impl BoostedTrees {
-    /// Of its parts.
+    /// Creates the model from its parts.
     ///
     /// # Errors
     /// When the forest divides columns that do not exist, or its nodes are not in the order of the layout.
@@ -31,7 +31,7 @@ impl BoostedTrees {
             Node::Split { left, right, .. } => *right == left + 1,
         };
         if !forest.trees.iter().flat_map(|tree| &tree.nodes).all(together) {
-            return Err(broken("the nodes below a split do not follow each other".to_owned()));
+            return Err(broken("the nodes below a split are not consecutive".to_owned()));
         }
         Ok(Self { inputs, forest })
     }
@@ -87,7 +87,7 @@ impl BoostedTrees {
                 return Ok(Node::Leaf { value: terms.value(&format!("leaf{at}"))? });
             };
             let feature = inputs.iter().position(|input| input == name);
-            let feature = feature.ok_or_else(|| broken(format!("`{split}` divides `{name}`, which is no input")))?;
+            let feature = feature.ok_or_else(|| broken(format!("`{split}` uses `{name}`, which is not an input")))?;
             let left = terms.count(&format!("left{at}"))?.saturating_sub(1);
             Ok(Node::Split { feature, threshold: terms.value(&split)?, left, right: left + 1 })
         };

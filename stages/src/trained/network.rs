@@ -51,7 +51,7 @@ pub struct OneLayer<'a> {
 pub struct Network {
     /// The names of the inputs.
     inputs: Vec<String>,
-    /// How they are scaled.
+    /// Scaling of the inputs.
     scaling: Inputs,
     /// The names of the linear terms.
     linear: Vec<String>,
@@ -66,7 +66,7 @@ pub struct Network {
 }
 
 impl Network {
-    /// Of its parts; the parameters of each member are in the order of [`Shape::names`].
+    /// Creates the model from its parts. The parameters of each member are in the order of [`Shape::names`].
     ///
     /// # Errors
     /// When the parts do not fit together.
@@ -132,8 +132,8 @@ impl Network {
     /// When it is the mean of several networks.
     pub fn to_onnx(&self) -> Result<Vec<u8>, Fault> {
         let [member] = &self.members[..] else {
-            let what = format!("the model is the mean of {} networks, and an ONNX file holds one", self.members.len());
-            return Err(Fault::data(what).help("fit it with `members = 1`"));
+            let what = format!("the model is the mean of {} networks, but an ONNX file holds one", self.members.len());
+            return Err(Fault::data(what).help("fit the model with `members = 1`"));
         };
         let (target_mean, target_scale) = self.target;
         let scales = Scales { inputs: &self.scaling, linear: None, target_mean, target_scale };
@@ -173,16 +173,16 @@ impl Network {
     /// When it is something else.
     pub fn one_layer(&self) -> Result<OneLayer<'_>, Fault> {
         let fault = |what: &str| {
-            let help = "fit `m1` with one hidden layer, without `whiten` and `members`";
+            let help = "fit `m1` with one hidden layer and without `whiten` and `members`";
             Err(Fault::data(format!("the trained model {what}")).of_param("model").help(help))
         };
-        let [hidden] = self.shape.hidden[..] else { return fault("has not one hidden layer") };
+        let [hidden] = self.shape.hidden[..] else { return fault("does not have exactly one hidden layer") };
         let [member] = &self.members[..] else { return fault("is the mean of several networks") };
         if self.shape.form != Form::Plain {
             return fault("has a linear part");
         }
         if self.scaling.components.is_some() {
-            return fault("takes principal components");
+            return fault("uses principal components");
         }
         let (w, rest) = member.split_at(hidden * self.inputs.len());
         let (b, rest) = rest.split_at(hidden);

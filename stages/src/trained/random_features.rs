@@ -21,7 +21,7 @@ pub struct Kernel {
 }
 
 impl Kernel {
-    /// Of its parts; `scaling` without components.
+    /// Creates the model from its parts. `scaling` has no components.
     ///
     /// # Errors
     /// When the parts do not fit together.

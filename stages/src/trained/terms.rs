@@ -32,7 +32,7 @@ pub fn named_list<'a>(key: &'a str, words: &'a [String], values: &'a [f64]) -> i
     all.map(move |(i, (word, value))| term(format!("{key}[{}] {word}", i + 1), *value))
 }
 
-/// What the terms of a member begin with.
+/// Prefix of the terms of a member.
 pub fn member_of(number: usize) -> String {
     if number == 0 { String::new() } else { format!("member{}.", number + 1) }
 }
@@ -43,7 +43,7 @@ pub struct Reading<'a> {
 }
 
 impl<'a> Reading<'a> {
-    /// Of the terms of a table.
+    /// Reads the terms of a table.
     ///
     /// # Errors
     /// When a key is duplicate.
@@ -82,7 +82,7 @@ impl<'a> Reading<'a> {
     pub fn choice<T: Value>(&self, key: &str) -> Result<T, Fault> {
         let word = self.word(key)?;
         let read = T::read(&Literal::Text(word.to_owned()));
-        read.ok_or_else(|| broken(format!("`{key}` is `{word}`, none of `{}`", T::WORDS.join("`, `"))))
+        read.ok_or_else(|| broken(format!("`{key}` is `{word}`, but must be one of `{}`", T::WORDS.join("`, `"))))
     }
 
     /// A whole number.
@@ -92,7 +92,11 @@ impl<'a> Reading<'a> {
     pub fn count(&self, key: &str) -> Result<usize, Fault> {
         let value = self.value(key)?;
         let whole = value.fract() == 0.0 && (0.0..=1e7).contains(&value);
-        if whole { Ok(value as usize) } else { Err(broken(format!("the term `{key}` is {value}, no count"))) }
+        if whole {
+            Ok(value as usize)
+        } else {
+            Err(broken(format!("the term `{key}` is {value}, but must be a count")))
+        }
     }
 
     /// The values of `KEY[1]`, `KEY[2]`... with their words.
@@ -116,5 +120,5 @@ fn missing(key: &str) -> Fault {
 
 /// A table that is not whole.
 pub fn broken(what: String) -> Fault {
-    Fault::data(format!("the model cannot be used: {what}")).help("fit it again")
+    Fault::data(format!("the model cannot be used: {what}")).help("fit the model again")
 }

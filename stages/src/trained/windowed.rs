@@ -17,7 +17,7 @@ use super::{
     terms::{Reading, Term, broken, list, member_of, named_list, term},
 };
 
-/// How far the rate of a line may be from that of the training.
+/// Largest relative difference between the rate of a line and that of the training.
 const RATE_TOLERANCE: f64 = 0.01;
 
 /// A network over a window, or several of one shape whose mean counts.
@@ -34,7 +34,7 @@ pub struct WindowedNetwork {
 }
 
 impl WindowedNetwork {
-    /// Of its parts; the parameters of each member are in the order of [`Windowed::names`].
+    /// Creates the model from its parts. The parameters of each member are in the order of [`Windowed::names`].
     ///
     /// # Errors
     /// When the parts do not fit together.
@@ -85,11 +85,11 @@ impl WindowedNetwork {
         if (rate_hz / self.rate_hz - 1.0).abs() <= RATE_TOLERANCE {
             return Ok(());
         }
-        let what = format!("the model sees a window of samples at {} Hz, and the line has {rate_hz} Hz", self.rate_hz);
-        Err(Fault::data(what).help("resample the line as the lines of the fit"))
+        let what = format!("the model uses a window of samples at {} Hz, but the line has {rate_hz} Hz", self.rate_hz);
+        Err(Fault::data(what).help("use `resample` to give the line the rate of the fit"))
     }
 
-    /// What it predicts of rows in runs of these lengths.
+    /// Prediction for rows in runs of these lengths.
     pub fn predict(&self, x: &[f64], runs: &[usize]) -> Prediction {
         let (mean, scale) = self.target;
         let z = self.scaling.apply(x);
@@ -205,6 +205,6 @@ mod tests {
     fn unit_another_rate_is_refused() {
         let network = network(Memory::Gru);
         assert!(network.check_rate(5.001).is_ok());
-        assert!(network.check_rate(10.0).unwrap_err().what.contains("at 5 Hz, and the line has 10 Hz"));
+        assert!(network.check_rate(10.0).unwrap_err().what.contains("at 5 Hz, but the line has 10 Hz"));
     }
 }

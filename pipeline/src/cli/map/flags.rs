@@ -245,7 +245,7 @@ mod tests {
         let wrong = |args: &[&str]| parsed(args).err().unwrap();
         assert!(wrong(&["--spacing", "0"]).contains("`--spacing-m` must be above 0"), "{}", wrong(&["--spacing", "0"]));
         let tension = wrong(&["--tension", "0.5"]);
-        assert!(tension.contains("`--tension` has a say only with `--method minimum_curvature`"), "{tension}");
+        assert!(tension.contains("`--tension` has no effect without `--method minimum_curvature`"), "{tension}");
         let word = wrong(&["--method", "kriging"]);
         assert!(word.contains("`--method` cannot be `kriging`"), "{word}");
     }

@@ -115,10 +115,10 @@ mod tests {
     #[test]
     fn unit_what_is_no_function_of_one_row_is_refused() {
         for (sql, says) in [
-            ("random()", "another answer each time"),
-            ("avg(x)", "needs several rows"),
-            ("(select 1)", "a query inside of `sql`"),
-            ("lag(x) over ()", "needs several rows"),
+            ("random()", "a different value each time"),
+            ("avg(x)", "requires several rows"),
+            ("(select 1)", "`sql` cannot contain a query"),
+            ("lag(x) over ()", "requires several rows"),
             ("y + 1", "there is no column `y`"),
             ("Raw + 1", "put the name in double quotes: `\"Raw\"`"),
             ("x +", "cannot be read"),

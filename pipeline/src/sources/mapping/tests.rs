@@ -62,7 +62,8 @@ fn law_units_signs_and_axes_come_out_in_the_body_frame() {
     let csv = "ms,a,b,c,lat,raw\n0,500,-20,300,0.5,4\n100,510,-21,301,0.5,8\n";
     let mapping = table(
         "{ from = 'ms', unit = 'ms', clock = 'boot' }",
-        "vectors.flux_a = { from = ['a', 'b', 'c'], unit = 'mgauss', axes = '+x -y -z', offset = [1, 2, 3], scale = 2 }\n\
+        "vectors.flux_a = { from = ['a', 'b', 'c'], unit = 'mgauss', axes = '+x -y -z', offset = [1, 2, 3], scale = 2 \
+         }\n\
          columns = { lat = { from = 'lat', unit = 'rad' }, cur_x = { sql = 'raw * 0.5 - 1', unit = 'mA' }, \
          height = { from = 'raw', unit = 'ft', scale = -1, offset = 10, role = 'truth' }, year_of = { value = 7 } }",
     );
@@ -190,7 +191,7 @@ fn gold_what_does_not_fit_is_shown_at_its_place_in_the_mapping() {
     );
     says(
         of("columns = { lat = { sql = 'random()', unit = 'deg' } }"),
-        &["gives another answer each time", "m.toml:6:"],
+        &["gives a different value each time", "m.toml:6:"],
     );
     says(of("columns = { tt = { from = 'ms' } }"), &["`tt` cannot be mapped as a column"]);
     says(

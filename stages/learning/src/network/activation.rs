@@ -1,9 +1,9 @@
-//! What a hidden unit makes of its sum.
+//! Activation functions.
 
 use params::choice;
 
 choice! {
-    /// What a hidden unit makes of its sum z. [thesis 000, (4.3)-(4.6)]
+    /// Activation function of the sum z of a hidden unit. [thesis 000, (4.3)-(4.6)]
     #[derive(Default)]
     pub enum Activation {
         /// z/(1 + e⁻ᶻ): swish, or SiLU.

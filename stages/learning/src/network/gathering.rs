@@ -3,7 +3,7 @@
 //! The rows of a shuffled batch lie anywhere in memory, so that the copy of each would wait for its first lines. They are
 //! asked for some rows before.
 
-/// How many rows before its turn a row is asked for.
+/// Number of rows by which a row is prefetched.
 const AHEAD: usize = 8;
 
 /// Numbers in a line of the cache.

@@ -1,6 +1,6 @@
-//! What an error costs.
+//! Loss functions.
 
-/// What an error e = ŷ − y costs, averaged over the samples.
+/// Loss of an error e = ŷ − y, averaged over the samples.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Loss {
     /// e².
@@ -10,7 +10,7 @@ pub enum Loss {
     Absolute,
     /// e²/2 up to |e| = `delta`, and a straight line from there on: `delta` (|e| − `delta`/2). [Huber 1964]
     Huber {
-        /// Where the line begins, in the scale of the target.
+        /// Error at which the loss becomes linear, in the scale of the target.
         delta: f64,
     },
 }

@@ -22,13 +22,13 @@ pub struct Scales<'a> {
     pub target_scale: f64,
 }
 
-/// Why there is no ONNX model of a network.
+/// Error of the export of a network to ONNX.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum OnnxError {
     /// Sizes do not fit each other.
-    #[error("{what}: {given} are given, but the network has {expected}")]
+    #[error("{what}: {given} values are given, but the network has {expected}")]
     Length {
-        /// What does not fit.
+        /// Quantity of the wrong size.
         what: &'static str,
         /// The given number.
         given: usize,
@@ -38,7 +38,7 @@ pub enum OnnxError {
     /// A parameter or a scale is NaN or infinite.
     #[error("{what} is not finite")]
     NotFinite {
-        /// What is not finite.
+        /// Quantity that is not finite.
         what: &'static str,
     },
 }

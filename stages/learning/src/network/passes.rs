@@ -43,7 +43,7 @@ impl<'a> Packed<'a> {
     }
 }
 
-/// What a block is worked out in.
+/// Work space of a block.
 pub(super) struct Buffers {
     /// The sums of each layer, which become its activations; rows padded to whole panels.
     layers: Vec<Vec<f64>>,

@@ -7,7 +7,7 @@ use super::activation::Activation;
 use super::training::TrainingError;
 
 choice! {
-    /// How a network N and linear terms a make the target. [thesis 000, sections 4.2-4.6]
+    /// Combination of a network N and linear terms a that predicts the target. [thesis 000, sections 4.2-4.6]
     #[derive(Default)]
     pub enum Form {
         /// N(x): model 1.
@@ -48,9 +48,9 @@ pub struct Shape {
     pub linear: usize,
     /// The number of units of each hidden layer; without any the network is linear.
     pub hidden: Vec<usize>,
-    /// What a hidden unit makes of its sum; an output is its sum.
+    /// Activation function of the hidden units. Outputs have none.
     pub activation: Activation,
-    /// How the network and the linear terms make the target.
+    /// Combination of the network and the linear terms.
     pub form: Form,
 }
 
@@ -67,7 +67,7 @@ impl Layer {
         &parameters[self.start..][..self.inputs * self.units]
     }
 
-    /// Where its weights stand.
+    /// Position of its weights.
     pub fn range(&self) -> std::ops::Range<usize> {
         self.start..self.start + self.inputs * self.units
     }
@@ -107,7 +107,7 @@ impl Shape {
         self.layers().iter().map(|layer| layer.units * (layer.inputs + 1)).sum()
     }
 
-    /// Where the bias of the last output stands.
+    /// Position of the bias of the last output.
     pub(super) fn last_bias(&self) -> usize {
         self.linear_start() - 1
     }
@@ -167,7 +167,7 @@ impl Shape {
     }
 }
 
-/// What random numbers are for: each has its own.
+/// Purpose of random numbers; each has a separate stream.
 #[derive(Clone, Copy)]
 pub(super) enum Stream {
     Weights = 1,

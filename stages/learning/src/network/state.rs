@@ -1,4 +1,4 @@
-//! Where a training stands at the end of an epoch.
+//! State of a training at the end of an epoch.
 
 use super::lbfgs::Lbfgs;
 use super::shape::Shape;
@@ -21,7 +21,7 @@ pub struct State {
     pub second_moments: Vec<f64>,
     /// `beta_1` and `beta_2` to the power of the number of steps.
     pub powers: [f64; 2],
-    /// What a plateau has made of the learning rate so far, as a factor.
+    /// Factor of the learning rate after the plateaus so far.
     pub rate_factor: f64,
     /// The epochs since the last improvement or reduction of the rate.
     pub on_plateau: usize,
@@ -39,14 +39,14 @@ pub struct State {
     pub epochs: Vec<Epoch>,
 }
 
-/// Why bytes are no state.
+/// Error of bytes that are not a state.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum StateError {
     /// The bytes begin as no state does, or as one of another version.
-    #[error("these bytes are no state of a training of this version: train from the start")]
+    #[error("these bytes are not a training state of this version; restart the training")]
     NotAState,
     /// Bytes are missing, too many, or not those that were written.
-    #[error("the state of the training is damaged: train from the start")]
+    #[error("the training state is damaged; restart the training")]
     Damaged,
 }
 

@@ -93,7 +93,7 @@ pub struct Job<'a> {
     state: State,
     gradient: Vec<f64>,
     each: Box<Each<'a>>,
-    /// How it ended; nothing while it goes on.
+    /// Result of the training. `None` while it runs.
     ended: Option<Result<(), TrainingError>>,
 }
 
@@ -174,7 +174,7 @@ impl<'a> Job<'a> {
         gathers && alike(self) == alike(other) && std::ptr::eq(self.samples.x, other.samples.x)
     }
 
-    /// What follows the steps of an epoch.
+    /// Work after the steps of an epoch.
     fn conclude(&mut self, train_loss: f64, learning_rate: f64) {
         let (training, state) = (self.training, &mut self.state);
         state.epoch += 1;

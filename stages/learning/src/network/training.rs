@@ -1,4 +1,4 @@
-//! What a training is made of and how it is set.
+//! Samples and settings of a training.
 
 use rayon::prelude::*;
 
@@ -64,7 +64,7 @@ pub struct Optimiser {
     pub beta_1: f64,
     /// The memory of the mean of its square.
     pub beta_2: f64,
-    /// What is added to the root of the mean square.
+    /// Constant added to the root of the mean square.
     pub epsilon: f64,
     /// The steps of L-BFGS over all samples that follow the epochs of Adam, each an epoch; neither dropout nor weight
     /// decay takes part in them.
@@ -79,7 +79,7 @@ impl Default for Optimiser {
     }
 }
 
-/// How Adam's learning rate changes from epoch to epoch.
+/// Learning-rate schedule of Adam.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Schedule {
     /// Not at all.
@@ -116,7 +116,7 @@ pub struct SparseGroupLasso {
     pub alpha: f64,
 }
 
-/// How a network is trained.
+/// Settings of the training of a network.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Training {
     /// The optimiser.
@@ -128,9 +128,9 @@ pub struct Training {
     pub batch: usize,
     /// Adam's learning rate.
     pub learning_rate: f64,
-    /// How it changes.
+    /// Learning-rate schedule.
     pub schedule: Schedule,
-    /// What an error costs.
+    /// Loss function.
     pub loss: Loss,
     /// By what part, times the learning rate, each step of Adam makes the weights smaller: decoupled weight decay, of weights
     /// alone, not of biases and linear coefficients. [Loshchilov & Hutter 2019]
@@ -144,7 +144,7 @@ pub struct Training {
     pub physics: f64,
     /// Training ends after so many epochs in which the validation loss has had no new least value.
     pub patience: Option<usize>,
-    /// What the order of the samples and the dropout are drawn by.
+    /// Seed of the order of the samples and of dropout.
     pub seed: u64,
 }
 
@@ -190,7 +190,7 @@ pub struct Trained {
     pub best: usize,
 }
 
-/// Why a training fails.
+/// Error of a training.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum TrainingError {
     /// There are no samples.
@@ -200,7 +200,7 @@ pub enum TrainingError {
         what: &'static str,
     },
     /// Values do not fit the rows.
-    #[error("{given} values of {of} are given {what}, but {rows} rows need {expected}")]
+    #[error("{given} values of {of} are given {what}, but {rows} rows require {expected}")]
     Length {
         /// `to train on` or `to validate with`.
         what: &'static str,
@@ -214,7 +214,7 @@ pub enum TrainingError {
         rows: usize,
     },
     /// A value is NaN or infinite.
-    #[error("{of} {column} in row {row} (both from 0) of the samples {what} is not finite: leave such rows out")]
+    #[error("{of} {column} in row {row} (both from 0) of the samples {what} is not finite; remove such rows")]
     NotFinite {
         /// `to train on` or `to validate with`.
         what: &'static str,
@@ -236,13 +236,13 @@ pub enum TrainingError {
         given: f64,
     },
     /// A setting needs samples to validate with.
-    #[error("{what} needs lines or flights to validate with")]
+    #[error("{what} requires lines or flights for validation")]
     NoValidation {
         /// The setting.
         what: &'static str,
     },
     /// The state to go on from is not one of this network.
-    #[error("the parameters to begin with are {given} numbers, but this network has {expected}, all of them finite")]
+    #[error("there are {given} initial parameters, but this network requires {expected} finite ones")]
     Start {
         /// The number of finite parameters, or of the coefficients and moments beside them that does not fit.
         given: usize,
@@ -251,8 +251,9 @@ pub enum TrainingError {
     },
     /// Loss or parameters are no longer finite.
     #[error(
-        "training diverged in epoch {epoch}: loss or weights are no longer finite at a learning rate of {learning_rate}; make \
-         the learning rate smaller, and check that inputs, linear terms and target are scaled to about 1"
+        "training diverged in epoch {epoch}: loss or weights are no longer finite at a learning rate of \
+         {learning_rate}; \
+         reduce the learning rate, and check that inputs, linear terms and target are scaled to about 1"
     )]
     Diverged {
         /// The epoch, from 1.

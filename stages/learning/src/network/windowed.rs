@@ -13,7 +13,7 @@ use super::state::State;
 use super::training::{Samples, TrainingError};
 
 choice! {
-    /// What makes features of a window.
+    /// Layers that compute features of a window.
     #[derive(Default)]
     pub enum Memory {
         /// Gated recurrent units, sample by sample.
@@ -35,7 +35,7 @@ choice! {
 /// the earlier sample first, then the biases.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Windowed {
-    /// What makes features of the window.
+    /// Layers that compute features of the window.
     pub memory: Memory,
     /// The number of inputs of a sample.
     pub inputs: usize,
@@ -127,7 +127,7 @@ impl Windowed {
         }
     }
 
-    /// Where the parameters of the dense network begin.
+    /// Position of the first parameter of the dense network.
     pub(super) fn head_start(&self) -> usize {
         match self.cell() {
             Some(cell) => Recurrent::parameters(cell, self.inputs, self.units),

@@ -39,15 +39,15 @@ pub enum Dimension {
 /// A value of a [`Dimension`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Value {
-    /// Of [`Dimension::Real`].
+    /// Value of [`Dimension::Real`].
     Real(f64),
-    /// Of [`Dimension::Whole`].
+    /// Value of [`Dimension::Whole`].
     Whole(i64),
-    /// Of [`Dimension::Choice`]: its position, from 0.
+    /// Position of the choice of [`Dimension::Choice`], from 0.
     Choice(usize),
 }
 
-/// How trials are proposed.
+/// Method that proposes trials.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Method {
     /// Uniformly at random.

@@ -13,7 +13,7 @@ const GOOD: f64 = 0.1;
 const MOST_GOOD: usize = 25;
 /// Draws from the density of the good ones.
 const CANDIDATES: usize = 24;
-/// As often a draw that was proposed before is drawn again.
+/// Maximum number of redraws of a proposal that was made before.
 const AGAIN: usize = 20;
 /// Half the normal distribution's range, in parts of the scale: the wide kernel.
 const WIDE: f64 = 1.0;

@@ -15,7 +15,7 @@ pub struct WeakDirection {
     pub terms: Vec<(String, f64)>,
 }
 
-/// How well a flight excites the terms.
+/// Excitation of the terms by a flight.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Excitation {
     /// The largest singular value over the smallest; infinite where a term is zero throughout.
@@ -76,7 +76,7 @@ fn variance_inflation(prepared: &Prepared, singular: &crate::regression::least_s
 }
 
 impl Excitation {
-    /// What to tell whoever flew it; `None` where no direction is weak.
+    /// Warning about weakly excited directions. `None` if there are none.
     pub fn message(&self) -> Option<String> {
         let of = |direction: &WeakDirection| {
             let terms: Vec<String> =
@@ -202,7 +202,7 @@ pub fn approximation_bound_nt(permanent_nt: [f64; 3], induced: [f64; 6], field_n
     aircraft_nt * aircraft_nt / (2.0 * field_nt)
 }
 
-/// How one coefficient scatters over calibrations.
+/// Scatter of one coefficient over calibrations.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Variation {
     /// The mean of the coefficient.

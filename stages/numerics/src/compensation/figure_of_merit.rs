@@ -17,7 +17,7 @@ const SLOWEST_HALF_S: f64 = 12.0;
 const FASTEST_HALF_S: f64 = 1.0;
 /// Extremes of one manoeuvre: slightly more than two periods.
 const LEAST_EXTREMES: usize = 5;
-/// How far swings and half periods of one manoeuvre may lie from its first ones: gusts are not that regular.
+/// Largest deviation of swings and half periods of a manoeuvre from its first ones. Gusts are less regular.
 const REGULAR: f64 = 1.7;
 /// Half of the window, in seconds, whose mean is the attitude that a manoeuvre swings about.
 const TREND_S: f64 = 15.0;

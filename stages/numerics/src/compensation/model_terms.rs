@@ -85,7 +85,7 @@ pub fn core_terms(vector: [&[f64]; 3], core: [&[f64]; 3], scale_nt: f64) -> Opti
     Some(out)
 }
 
-/// How the gradient of the geology is modelled together with the aircraft. [thesis 001, appendix B]
+/// Model of the gradient of the crustal anomaly that is fitted together with the aircraft field. [thesis 001, appendix B]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Slope {
     /// Easting and northing: the models TLL and MTLL.

@@ -17,7 +17,7 @@ use terms::{COLUMNS, DERIVATIVE, EDDY, INDUCED};
 /// The scale of induced and eddy terms of the published tables, nT.
 pub const DEFAULT_SCALE_NT: f64 = 50_000.0;
 
-/// What is wrong with a request for a Tolles-Lawson matrix.
+/// Error of a request for an A-matrix.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum TermsError {
     /// No group has this name.
@@ -27,7 +27,7 @@ pub enum TermsError {
         name: String,
     },
     /// Two groups of one family, whose columns would be linearly dependent.
-    #[error("`{one}` and `{other}` contain the same terms, which no fit can separate: keep one")]
+    #[error("`{one}` and `{other}` contain the same terms, which a fit cannot separate; remove one")]
     SameFamily {
         /// The group named first.
         one: &'static str,
@@ -35,7 +35,7 @@ pub enum TermsError {
         other: &'static str,
     },
     /// No group.
-    #[error("no group of terms is given; the groups are {}", terms::names_of_groups())]
+    #[error("the list of groups of terms is empty; the groups are {}", terms::names_of_groups())]
     Empty,
     /// Columns of different lengths.
     #[error("the columns have different lengths: {lengths:?}")]

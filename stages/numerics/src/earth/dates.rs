@@ -14,7 +14,7 @@ pub enum DateError {
         year: i32,
         /// The requested day.
         day_of_year: u32,
-        /// How many days the year has.
+        /// Number of days of the year.
         days: u32,
     },
     /// The month or the day within it does not exist.

@@ -1,4 +1,4 @@
-//! How much of the geology a compensation leaves in place.
+//! Anomaly retention of a compensation.
 //!
 //! A compensation model is fitted to whatever looks like the aircraft; where the aircraft turns over geology, some of
 //! the geology looks like the aircraft and is removed with it. Where the anomaly a is known (a simulated flight, or
@@ -23,11 +23,13 @@
 
 use rustfft::{FftPlanner, num_complex::Complex};
 
-/// Why a retention cannot be computed.
+/// Error of an anomaly retention.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum RetentionError {
     /// The columns have different lengths.
-    #[error("the retention needs columns of one length, not {compensated}, {reference} and {anomaly} samples")]
+    #[error(
+        "the retention requires columns of equal length, but they have {compensated}, {reference} and {anomaly} samples"
+    )]
     Lengths {
         /// Samples of the compensated reading.
         compensated: usize,
@@ -37,20 +39,20 @@ pub enum RetentionError {
         anomaly: usize,
     },
     /// Too few rows are finite.
-    #[error("{n} rows have all three values, and the retention needs at least 3")]
+    #[error("{n} rows have all three values, but the retention requires at least 3")]
     TooFew {
         /// The number of complete rows.
         n: usize,
     },
     /// There is no geology to keep.
-    #[error("the anomaly is {value_nt} nT in all rows: the retention is defined only for an anomaly that varies")]
+    #[error("the anomaly is {value_nt} nT in all rows; the retention is undefined for a constant anomaly")]
     NoAnomaly {
         /// Its value.
         value_nt: f64,
     },
 }
 
-/// How much of the geology remains.
+/// Anomaly retention.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Retention {
     /// The slope ρ: 1 where the geology is kept, 0 where it is removed.

@@ -25,7 +25,7 @@ pub struct Piece<'a> {
     pub weight: f64,
 }
 
-/// How values of several maps at one node are merged.
+/// Method that merges values of several maps at one node.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Blend {
     /// The first map that is known at the node, faded into the next towards its edge.
@@ -35,10 +35,10 @@ pub enum Blend {
     Average,
 }
 
-/// How maps are combined.
+/// Settings for combining maps.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CombineOptions {
-    /// How values are merged.
+    /// Method that merges values.
     pub blend: Blend,
     /// Over this distance from the edge of its known nodes, in metres, a map fades in from zero to its full weight,
     /// by half a period of a cosine. Zero: no fading, and so a step at each edge.
@@ -89,7 +89,7 @@ pub struct Combined {
     pub overlaps: Vec<Overlap>,
 }
 
-/// Why maps cannot be combined.
+/// Error of combining maps.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum CombineError {
     /// There is no map.
@@ -98,7 +98,8 @@ pub enum CombineError {
     /// The number of a map's values is not the number of its nodes, or it is too small to be interpolated, or a step is
     /// not above zero.
     #[error(
-        "map {piece}: {values} values for {rows} rows x {columns} columns; it needs two of each and steps above zero"
+        "map {piece}: {values} values for {rows} rows x {columns} columns; a map requires two of each and steps above \
+         zero"
     )]
     Size {
         /// The map, from 0.
@@ -111,7 +112,7 @@ pub enum CombineError {
         columns: usize,
     },
     /// A value is infinite.
-    #[error("map {piece}: the value in row {row}, column {column} is infinite; an unknown value is NaN")]
+    #[error("map {piece}: the value in row {row}, column {column} is infinite; use NaN for an unknown value")]
     Infinite {
         /// The map, from 0.
         piece: usize,

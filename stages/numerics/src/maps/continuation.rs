@@ -40,7 +40,7 @@ use crate::maps::plane_grid::{EvenAxis, PlaneGrid};
 /// The α of MagNav.jl, in m².
 pub const MAGNAV_ALPHA_M2: f64 = 200.0;
 
-/// Why a map cannot be continued.
+/// Error of a continuation.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ContinuationError {
     /// Values and axes disagree.
@@ -54,7 +54,7 @@ pub enum ContinuationError {
         columns: usize,
     },
     /// A side has fewer than two nodes.
-    #[error("a map of {rows} rows and {columns} columns is too small: it needs at least 2 of each")]
+    #[error("a map of {rows} rows and {columns} columns is too small; at least 2 of each are required")]
     TooSmall {
         /// The number of rows.
         rows: usize,
@@ -62,14 +62,14 @@ pub enum ContinuationError {
         columns: usize,
     },
     /// A spacing is not above zero.
-    #[error("the spacing must be above 0 m, but is {step_m} m: give the axes in ascending order")]
+    #[error("the spacing must be above 0 m, but is {step_m} m; sort the axes in ascending order")]
     Spacing {
         /// The spacing.
         step_m: f64,
     },
     /// Some nodes have no value.
     #[error(
-        "{count} of the map's {nodes} nodes are unknown or infinite, the first in row {row} and column {column}: \
+        "{count} of the map's {nodes} nodes are unknown or infinite, the first in row {row} and column {column}; \
          fill the map first"
     )]
     Unknown {
@@ -93,14 +93,14 @@ pub enum ContinuationError {
         value: f64,
     },
     /// The regularisation is negative or not finite.
-    #[error("alpha must be a finite number of square metres of at least 0, but is {alpha_m2}")]
+    #[error("alpha must be finite and at least 0 m2, but is {alpha_m2}")]
     Alpha {
         /// The given value.
         alpha_m2: f64,
     },
     /// The padded map would be too large.
     #[error(
-        "the padded map has {nodes} nodes, and the limit is {most}: reduce the padding, trim the map or raise the limit"
+        "the padded map has {nodes} nodes, but the limit is {most}; reduce the padding, trim the map or raise the limit"
     )]
     TooLarge {
         /// The number of nodes it would have.
@@ -109,7 +109,7 @@ pub enum ContinuationError {
         most: usize,
     },
     /// The main field has no direction.
-    #[error("the main field [{east}, {north}, {up}] has no direction: give a finite vector other than zero")]
+    #[error("the core field [{east}, {north}, {up}] has no direction; give a finite vector other than zero")]
     Direction {
         /// Its eastern component.
         east: f64,
@@ -129,7 +129,9 @@ pub enum ContinuationError {
         finite: usize,
     },
     /// The drape takes too many levels.
-    #[error("the drape needs {levels} levels, and the limit is {most}: widen the step of {step_m} m between them")]
+    #[error(
+        "the drape requires {levels} levels, but the limit is {most}; increase the step of {step_m} m between them"
+    )]
     TooManyLevels {
         /// The number of levels.
         levels: usize,
@@ -140,7 +142,8 @@ pub enum ContinuationError {
     },
     /// The map is too small to be cropped for a measure of its error.
     #[error(
-        "a map of {rows} rows and {columns} columns is too small to measure its edge error: it needs {least} of each"
+        "a map of {rows} rows and {columns} columns is too small for its edge error; at least {least} of each are \
+         required"
     )]
     TooSmallToMeasure {
         /// The number of rows.

@@ -17,11 +17,11 @@ use thiserror::Error;
 
 use crate::maps::plane_grid::PlaneGrid;
 
-/// Why a map cannot be filled or cut.
+/// Error of filling or cutting a map.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum FillError {
     /// No node is known.
-    #[error("every value of the map is unknown: its gaps cannot be filled")]
+    #[error("every value of the map is unknown, so its gaps cannot be filled")]
     Empty,
     /// The number of values is not the number of nodes.
     #[error("the map has {values} values for {rows} rows x {columns} columns")]
@@ -42,7 +42,7 @@ pub enum FillError {
         north_m: f64,
     },
     /// A value is infinite.
-    #[error("the value in row {row}, column {column} of the map is infinite; an unknown value is NaN")]
+    #[error("the value in row {row}, column {column} of the map is infinite; use NaN for an unknown value")]
     Infinite {
         /// The row, from 0 in the south.
         row: usize,
@@ -56,7 +56,7 @@ pub enum FillError {
         nodes: usize,
     },
     /// The number of neighbours is zero.
-    #[error("filling a gap needs at least one neighbour")]
+    #[error("filling a gap requires at least one neighbour")]
     NoNeighbours,
     /// A parameter is out of its range.
     #[error("{name} is {value}; it must be above zero")]
@@ -68,7 +68,8 @@ pub enum FillError {
     },
     /// The smooth surface was not reached.
     #[error(
-        "the gaps are not smooth to {tolerance:e} of the map's range after {iterations} iterations, but {reached:e}"
+        "the fill does not converge to {tolerance:e} of the map's range in {iterations} iterations; it reaches \
+         {reached:e}"
     )]
     NotReached {
         /// The requested tolerance.

@@ -21,11 +21,11 @@ const MOST_PATCHES: usize = 1 << 18;
 /// The largest departure from the projection that is accepted, in steps of the grid.
 const ACCEPTED_STEPS: f64 = 1e-6;
 
-/// Why a projection cannot be used on a grid.
+/// Error of a projection on a grid.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum ProjectionError {
     /// The area has no extent, or exceeds the earth.
-    #[error("latitudes {lat_deg:?} and longitudes {lon_deg:?} are not an area on the earth")]
+    #[error("latitudes {lat_deg:?} and longitudes {lon_deg:?} are outside the earth")]
     Area {
         /// Its southern and northern edge.
         lat_deg: [f64; 2],
@@ -41,7 +41,7 @@ pub enum ProjectionError {
         lon_deg: f64,
     },
     /// The projection is not smooth.
-    #[error("polynomials depart from the map's projection by {steps} of a step of its grid")]
+    #[error("the polynomials deviate from the map's projection by {steps} grid steps")]
     Rough {
         /// The largest departure found.
         steps: f64,

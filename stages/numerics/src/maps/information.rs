@@ -1,4 +1,4 @@
-//! How much a map says of a position: the Fisher information of the measurements along a line.
+//! Fisher information of the measurements along a line about a position.
 
 /// The least standard deviation, in metres, with which one measurement that errs by `sigma_nt` places itself along the
 /// slope `north`, `east` (nT/m) of a map: σ/|g|. Across the slope it says nothing. NaN where the slope is 0 or unknown.

@@ -18,7 +18,7 @@ use levels::{natural_slopes, union_of_unknown};
 pub use projected::ProjectedMap;
 use thiserror::Error;
 
-/// How a value between two levels is interpolated.
+/// Interpolation between two levels.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum BetweenLevels {
     /// A cubic. Of maps alone the natural spline through all levels: value, slope and curvature are continuous,
@@ -44,7 +44,7 @@ pub enum OutsideLevels {
     Clamp,
 }
 
-/// How a stack is looked up.
+/// Settings for the interpolation of a stack.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct StackOptions {
     /// Across a level.
@@ -55,11 +55,11 @@ pub struct StackOptions {
     pub outside: OutsideLevels,
 }
 
-/// Why maps are not a stack.
+/// Error of maps that are not a stack.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum StackError {
     /// There are fewer than two levels.
-    #[error("a stack needs at least two levels, not {0}; one level is a map with its vertical derivative")]
+    #[error("a stack requires at least two levels, not {0}; for one level use a map with its vertical derivative")]
     TooFew(usize),
     /// The numbers of heights and of maps differ.
     #[error("the stack has {heights} heights for {maps} maps")]
@@ -168,7 +168,7 @@ impl MapStack {
         &self.heights_m
     }
 
-    /// How the stack is looked up; after [`Self::with_vertical`] the cubic of height is that of Hermite.
+    /// Interpolation of the stack. After [`Self::with_vertical`] the cubic of height is that of Hermite.
     pub fn options(&self) -> StackOptions {
         self.options
     }

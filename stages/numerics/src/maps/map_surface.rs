@@ -22,7 +22,7 @@ use params::choice;
 pub(crate) use surface::{Cell, Jet, Surface};
 
 choice! {
-    /// How a value between the nodes is made.
+    /// Interpolation between the nodes.
     #[derive(Default)]
     pub enum Interpolation {
         /// Bilinear: continuous, with a gradient that jumps from cell to cell.
@@ -39,7 +39,7 @@ choice! {
     }
 }
 
-/// How a map changes with height, at its own nodes.
+/// Vertical derivative of a map at its nodes.
 #[derive(Clone, Copy, Debug)]
 pub struct VerticalDerivative<'a> {
     /// Change of the anomaly per metre upward, in nT/m, by rows as the map's values; known where
@@ -60,7 +60,7 @@ pub struct Curvature {
     pub d2_lon_nt_per_rad2: f64,
 }
 
-/// Where a latitude and a longitude are in a grid.
+/// Position of a latitude and a longitude in a grid.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Axes {
     lat: Axis,
@@ -92,7 +92,7 @@ impl Axes {
     }
 }
 
-/// What a map holds at its nodes.
+/// Values of a map at its nodes.
 #[derive(Clone, Debug)]
 enum Nodes {
     Anomaly(Surface<1>),

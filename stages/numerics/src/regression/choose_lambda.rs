@@ -1,4 +1,4 @@
-//! How strong a ridge should be: generalised cross-validation, the L-curve and lines left out.
+//! Choice of the ridge parameter: generalised cross-validation, L-curve and cross-validation over lines.
 //!
 //! One singular value decomposition R = U S Vᵀ of the (scaled) factor gives all of a grid: with c = Uᵀ z,
 //! ‖r‖² = ‖z − R b‖² + unexplained = Σ (λ c/(s² + λ))² + unexplained, ‖b‖² = Σ (s c/(s² + λ))², and the

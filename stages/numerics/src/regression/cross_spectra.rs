@@ -39,7 +39,7 @@ const NEXT: std::ops::Range<usize> = 9..25;
 /// fewer than one run in a million does; a random walk has 80 times.
 const WANDERS: f64 = 10.0;
 
-/// What a residual may do between the first and the last sample of a run.
+/// Behaviour of a residual between the first and the last sample of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ends {
     /// It is as far from 0 at one end as at the other: rows behind a high-pass.

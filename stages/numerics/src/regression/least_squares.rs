@@ -39,13 +39,13 @@ pub(crate) use triangular::Triangular;
 /// depend on the number of threads.
 const CHUNK: usize = 16_384;
 
-/// Why a fit fails.
+/// Error of a fit.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum LeastSquaresError {
     /// Columns or names do not fit the matrix.
-    #[error("{what} has {given} entries, but {expected} are needed")]
+    #[error("{what} has {given} entries, but {expected} are required")]
     Shape {
-        /// Which argument.
+        /// Name of the argument.
         what: &'static str,
         /// The number of its entries.
         given: usize,
@@ -53,7 +53,7 @@ pub enum LeastSquaresError {
         expected: usize,
     },
     /// A value is NaN or infinite.
-    #[error("the value in row {row} of {column} is not finite: leave such rows out of the fit")]
+    #[error("the value in row {row} of {column} is not finite; remove such rows")]
     NotFinite {
         /// The row, from 0, counted over all rows that were pushed.
         row: usize,
@@ -67,7 +67,7 @@ pub enum LeastSquaresError {
         lambda: f64,
     },
     /// There are no rows.
-    #[error("there is no row to fit")]
+    #[error("there are no rows to fit")]
     NoRows,
     /// Without a ridge the terms are linearly dependent.
     #[error("{}", ridge::deficient(*rank, *terms, *rows, unexcited, dependent))]
@@ -94,13 +94,13 @@ pub enum LeastSquaresError {
         count: usize,
     },
     /// There are too few lines to leave one out.
-    #[error("leaving one line out needs at least two lines, but the number of lines is {given}")]
+    #[error("cross-validation requires at least two lines, but the number of lines is {given}")]
     TooFewLines {
         /// The number of lines.
         given: usize,
     },
     /// A line that is to be left out and predicted has no rows.
-    #[error("line {line} (from 0) has no rows to predict: leave it out of the choice")]
+    #[error("line {line} (from 0) has no rows to predict; remove it from the cross-validation")]
     EmptyLine {
         /// The index of the line.
         line: usize,
@@ -118,7 +118,7 @@ pub enum LeastSquaresError {
     /// An elastic net did not reach its tolerance.
     #[error(
         "the elastic net with alpha {alpha} may still be {gap:e} of the target's sum of squares above its minimum \
-             after {sweeps} sweeps: allow more sweeps or a larger tolerance"
+             after {sweeps} sweeps; allow more sweeps or a larger tolerance"
     )]
     Sweeps {
         /// The strength of the penalty.

@@ -241,7 +241,7 @@ mod tests {
         assert!(message(RecursiveLeastSquares::new(&[0.0], &[1.0], 1.5, true)).contains("but is 1.5"));
         assert!(message(RecursiveLeastSquares::new(&[0.0], &[0.0], 1.0, true)).contains("deviation must be above 0"));
         assert!(
-            message(RecursiveLeastSquares::new(&[0.0], &[], 1.0, true)).contains("has 0 entries, but 1 are needed")
+            message(RecursiveLeastSquares::new(&[0.0], &[], 1.0, true)).contains("has 0 entries, but 1 are required")
         );
         let mut recursive = RecursiveLeastSquares::new(&[0.0], &[1.0], 1.0, true).unwrap();
         assert!(recursive.update(&[f64::NAN], 1.0).unwrap_err().to_string().contains("term 0"));

@@ -3,7 +3,7 @@
 //! All schemes are those of MagNav.jl's `fdm`. None divides by the time step, so the unit of the
 //! result is that of the series (per sample).
 
-/// How the difference at a sample is formed from its neighbours.
+/// Scheme of the difference at a sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Scheme {
     /// (x₊₁ − x₋₁)/2, second order; the ends are one-sided first differences.

@@ -21,7 +21,7 @@ pub use butterworth::{Band, Section};
 use cascade::Cascade;
 pub use notch::alias_hz;
 
-/// Why a filter cannot be designed or applied.
+/// Error of the design or application of a filter.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum FilterError {
     /// The sample rate is not a positive number.
@@ -38,8 +38,8 @@ pub enum FilterError {
     },
     /// A corner is zero, negative or not a number.
     #[error(
-        "a corner frequency must be above 0 Hz, but is {corner_hz} Hz: \
-         leave the corner out for a filter without that edge"
+        "a corner frequency must be above 0 Hz, but is {corner_hz} Hz; \
+         omit the corner for a filter without that edge"
     )]
     CornerNotPositive {
         /// The given corner, Hz.
@@ -67,12 +67,12 @@ pub enum FilterError {
         high_hz: f64,
     },
     /// Neither a lower nor an upper corner is given.
-    #[error("a filter needs a lower corner, an upper corner, or both")]
+    #[error("a filter requires a lower corner, an upper corner, or both")]
     NoCorner,
     /// The corners are so near zero, Nyquist or each other that the poles round onto the unit circle.
     #[error(
         "a filter of order {order} with these corners ({band}) at {rate_hz} Hz cannot be represented in \
-         double precision: move the corners apart, or lower the order or the sample rate"
+         double precision; move the corners apart, or reduce the order or the sample rate"
     )]
     Unstable {
         /// The order.
@@ -83,7 +83,7 @@ pub enum FilterError {
         rate_hz: f64,
     },
     /// The series is not longer than the padding.
-    #[error("{rows} samples are too few for this filter: it needs at least {needed}")]
+    #[error("{rows} samples are too few for this filter; at least {needed} are required")]
     TooShort {
         /// The number of samples.
         rows: usize,
@@ -91,7 +91,7 @@ pub enum FilterError {
         needed: usize,
     },
     /// A value is NaN or infinite.
-    #[error("the value in row {row}, column {column} is not finite: filter the runs between gaps")]
+    #[error("the value in row {row}, column {column} is not finite; filter the runs between gaps")]
     NotFinite {
         /// The row, from 0.
         row: usize,

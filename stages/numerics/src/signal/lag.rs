@@ -1,13 +1,13 @@
-//! How much later one signal is than another, by the peak of their cross-correlation.
+//! Lag of one signal against another, at the peak of their cross-correlation.
 
 /// Samples that a lag needs on both sides at the least.
 pub const LEAST_PAIRS: usize = 16;
 
-/// Why a lag cannot be found.
+/// Error of a lag.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum LagError {
     /// The two signals are not of one length.
-    #[error("one signal has {one} samples, the other {other}")]
+    #[error("one signal has {one} samples, but the other has {other}")]
     Lengths {
         /// The samples of the one.
         one: usize,
@@ -15,7 +15,7 @@ pub enum LagError {
         other: usize,
     },
     /// The sample rate or the range of lags is not a number above 0.
-    #[error("a lag is sought at a sample rate of {rate_hz} Hz up to {most_s} s, which both must be above 0")]
+    #[error("the sample rate ({rate_hz} Hz) and the largest lag ({most_s} s) must be above 0")]
     Range {
         /// The sample rate, Hz.
         rate_hz: f64,
@@ -23,16 +23,16 @@ pub enum LagError {
         most_s: f64,
     },
     /// Too few pairs of samples overlap.
-    #[error("{pairs} pairs of samples overlap at the largest lag: at least {LEAST_PAIRS} are needed")]
+    #[error("{pairs} pairs of samples overlap at the largest lag; at least {LEAST_PAIRS} are required")]
     TooShort {
         /// The pairs at the lag that has fewest.
         pairs: usize,
     },
-    /// One of the signals does not vary.
-    #[error("one of the signals does not vary")]
+    /// One of the signals is constant.
+    #[error("one of the signals is constant")]
     Constant,
     /// The correlation is greatest at the end of the range.
-    #[error("the correlation is greatest at {lag_s} s, the end of the range: no peak lies within it")]
+    #[error("the correlation is largest at {lag_s} s, the end of the range, and has no peak within it")]
     AtEnd {
         /// The lag at that end, s.
         lag_s: f64,
@@ -42,7 +42,7 @@ pub enum LagError {
 /// A lag, and how well it is known.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Lag {
-    /// How much later the signal is than the reference, s: signal(t) = reference(t - `lag_s`).
+    /// Lag of the signal against the reference, s: signal(t) = reference(t - `lag_s`).
     pub lag_s: f64,
     /// Its standard error where what the two do not share is white noise, s; a lower bound where that lasts.
     pub sd_s: f64,
@@ -93,7 +93,7 @@ pub fn lag_of(
     if all.iter().all(|p| p.r.is_nan()) {
         return Err(LagError::Constant);
     }
-    // Lags at which one of the two does not vary have no correlation.
+    // Lags at which one of the two is constant have no correlation.
     let size: Vec<f64> = all
         .iter()
         .map(|p| {

@@ -37,11 +37,13 @@ pub struct Noise {
     pub lasting: GaussMarkov,
 }
 
-/// Why the estimate is not available.
+/// Error of the estimate.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum NoiseError {
     /// No run is long enough.
-    #[error("the noise needs a run of at least {least_s} s without a gap, but the longest is {longest_s:.1} s")]
+    #[error(
+        "the noise estimate requires a run of at least {least_s} s without a gap, but the longest is {longest_s:.1} s"
+    )]
     TooShort {
         /// The required length, s.
         least_s: f64,

@@ -29,7 +29,7 @@ pub const MOST_ROWS: usize = 50_000_000;
 const SNAP: f64 = 1e-6;
 
 choice! {
-    /// How values between samples are found.
+    /// Interpolation between samples.
     #[derive(Default)]
     pub enum Method {
         /// On the straight line between the samples before and after.
@@ -43,17 +43,17 @@ choice! {
     }
 }
 
-/// Why a series cannot be resampled.
+/// Error of resampling.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ResampleError {
     /// The rate is not a positive number.
-    #[error("the rate to resample to must be above 0 Hz, but is {rate_hz} Hz")]
+    #[error("the new sample rate must be above 0 Hz, but is {rate_hz} Hz")]
     Rate {
         /// The given rate, Hz.
         rate_hz: f64,
     },
     /// The longest gap is negative or not a number.
-    #[error("the longest gap to bridge must be at least 0 s, but is {max_gap_s} s")]
+    #[error("the longest gap to interpolate must be at least 0 s, but is {max_gap_s} s")]
     Gap {
         /// The given gap, s.
         max_gap_s: f64,
@@ -64,7 +64,7 @@ pub enum ResampleError {
     /// The grid would be too long.
     #[error(
         "from {first_s} s to {last_s} s at {rate_hz} Hz there are {rows:.0} rows, more than \
-         {MOST_ROWS}: is the time in seconds, and are there no outliers in it?"
+         {MOST_ROWS}; check that the time is in seconds and has no outliers"
     )]
     TooLong {
         /// The first time, s.
@@ -78,7 +78,7 @@ pub enum ResampleError {
     },
     /// The times are so large that neighbouring grid times would be equal.
     #[error(
-        "times near {tt} s cannot be distinguished at {rate_hz} Hz in double precision: count seconds \
+        "times near {tt} s cannot be distinguished at {rate_hz} Hz in double precision; count seconds \
          from midnight"
     )]
     TooCoarse {

@@ -5,7 +5,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-/// Why a window cannot be fitted.
+/// Error of a window.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum SavitzkyGolayError {
     /// The window has no sample in its middle.
@@ -15,7 +15,7 @@ pub enum SavitzkyGolayError {
         window: usize,
     },
     /// The window has too few samples for the polynomial, or the polynomial no such derivative.
-    #[error("a polynomial of degree {degree} through {window} samples has no derivative of order {derivative} to fit")]
+    #[error("a polynomial of degree {degree} over {window} samples has no derivative of order {derivative}")]
     Degree {
         /// The number of samples of the window.
         window: usize,

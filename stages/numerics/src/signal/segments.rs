@@ -9,11 +9,11 @@ use std::ops::Range;
 
 use crate::signal::filter::{ConstantColumns, FilterError, ZeroPhase};
 
-/// Why a time column is not usable.
+/// Error of a time column.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum TimeError {
     /// Fewer than two samples.
-    #[error("{rows} samples have no sample rate: at least 2 are needed")]
+    #[error("{rows} samples have no sample rate; at least 2 are required")]
     TooShort {
         /// The number of samples.
         rows: usize,
@@ -25,7 +25,7 @@ pub enum TimeError {
         row: usize,
     },
     /// A time is not later than the one before.
-    #[error("the time in row {row} ({tt} s) is not later than the one before ({before} s)")]
+    #[error("the time in row {row} ({tt} s) is not later than the previous one ({before} s)")]
     NotIncreasing {
         /// The row, from 0.
         row: usize,
@@ -36,8 +36,8 @@ pub enum TimeError {
     },
     /// A step differs from the median step without being a gap.
     #[error(
-        "the samples are not evenly spaced: row {row} (at {tt} s) comes {step_s} s after the one \
-         before, where most steps are {usual_s} s; resample first"
+        "the samples are not evenly spaced: row {row} (at {tt} s) is {step_s} s after the previous \
+         row, but most steps are {usual_s} s; resample first"
     )]
     Uneven {
         /// The row, from 0.
@@ -120,7 +120,7 @@ fn nearest_round(step_s: f64) -> f64 {
     if (rate_hz - round).abs() <= 1e-6 * rate_hz { round } else { rate_hz }
 }
 
-/// Which rows of a line are usable.
+/// Usable rows of a line.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Usable(Vec<bool>);
 

@@ -25,7 +25,7 @@ impl Window {
     }
 }
 
-/// Why a spectrum cannot be computed.
+/// Error of a spectrum.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum SpectrumError {
     /// The sample rate is not a positive number.
@@ -41,7 +41,7 @@ pub enum SpectrumError {
         segment: usize,
     },
     /// No segment without gaps is that long.
-    #[error("no {segment} consecutive samples of {rows} are finite: choose shorter segments")]
+    #[error("no {segment} consecutive samples of {rows} are finite; use shorter segments")]
     TooShort {
         /// The number of samples of the series.
         rows: usize,

@@ -1,16 +1,16 @@
-//! The network of a fit, of each sample or over a window.
+//! Network of a fit, of single samples or over a window.
 
 use learning::network::{Each, Job, Runs, Shape, State, TermScaling, Training, TrainingError, Windowed};
 
-/// The rows of some lines, scaled.
+/// Scaled rows of some lines.
 pub struct Scaled<'a> {
-    /// The inputs, row-major.
+    /// Inputs, row-major.
     pub x: &'a [f64],
-    /// The linear terms, row-major.
+    /// Linear terms, row-major.
     pub a: Vec<f64>,
-    /// The target.
+    /// Target of each row.
     pub y: Vec<f64>,
-    /// Rows of each run of samples that follow each other.
+    /// Lengths of runs of consecutive samples.
     pub runs: Vec<usize>,
 }
 
@@ -24,16 +24,16 @@ impl Scaled<'_> {
     }
 }
 
-/// The network that is trained.
+/// Network to train.
 pub enum Core {
-    /// Of each sample alone.
+    /// Network of single samples.
     Dense(Shape),
-    /// Of a window of samples.
+    /// Network over a window of samples.
     Windowed(Windowed),
 }
 
 impl Core {
-    /// The parameters to begin with at random.
+    /// Random initial parameters.
     pub fn initial(&self, seed: u64, linear: &[f64]) -> Vec<f64> {
         match self {
             Core::Dense(shape) => shape.initial(seed, linear),
@@ -41,7 +41,7 @@ impl Core {
         }
     }
 
-    /// The state of a training that begins with these parameters.
+    /// State of a training that starts from these parameters.
     pub fn start(&self, parameters: Vec<f64>) -> State {
         match self {
             Core::Dense(shape) => State::new(shape, parameters),
@@ -49,7 +49,7 @@ impl Core {
         }
     }
 
-    /// What it predicts of some rows, in the scale of the target.
+    /// Prediction for some rows, in the scale of the target.
     pub fn predict(&self, parameters: &[f64], rows: &Scaled<'_>) -> Vec<f64> {
         match self {
             Core::Dense(shape) => shape.predict(parameters, rows.x, &rows.a),
@@ -57,7 +57,7 @@ impl Core {
         }
     }
 
-    /// The parameters of a network of scaled terms. Over a window there are none.
+    /// Parameters of a network of scaled terms. Networks over a window have none.
     pub fn scaled(&self, terms: &TermScaling, parameters: &[f64]) -> Vec<f64> {
         match self {
             Core::Dense(shape) => terms.scaled(shape, parameters),
@@ -65,7 +65,7 @@ impl Core {
         }
     }
 
-    /// Those of a network of the terms as they are.
+    /// Parameters of a network of unscaled terms.
     pub fn original(&self, terms: &TermScaling, parameters: &[f64]) -> Vec<f64> {
         match self {
             Core::Dense(shape) => terms.original(shape, parameters),
@@ -73,10 +73,9 @@ impl Core {
         }
     }
 
-    /// Its training.
+    /// Training job of the network.
     ///
-    /// # Errors
-    /// As [`Job::new`] and [`Job::windowed`].
+    /// # Errors The same as [`Job::new`] and [`Job::windowed`].
     pub fn job<'a>(
         &'a self,
         start: State,

@@ -1,4 +1,4 @@
-//! The inputs of networks.
+//! Inputs of networks.
 
 use std::sync::Arc;
 
@@ -8,29 +8,28 @@ use schemas::Fault;
 use super::{Network, warm_start::WarmStart};
 use crate::fit::samples::Samples;
 
-/// The inputs of a network, which networks with the same keys share.
+/// Inputs of a network, which networks with the same keys share.
 pub struct NetworkInputs {
-    /// Their places among the features.
+    /// Positions of the inputs among the features.
     pub at: Vec<usize>,
-    /// The places of those that are constant on the lines to train on, which are none.
+    /// Positions of features that are constant on the training lines and therefore not used.
     pub constant: Vec<usize>,
-    /// How they are scaled.
+    /// Scaling of the inputs.
     pub scaling: Inputs,
-    /// The lines to train on, and those to validate with.
+    /// Training lines and validation lines.
     pub lines: (Vec<usize>, Vec<usize>),
-    /// The scaled inputs of both, row-major.
+    /// Scaled inputs of both, row-major.
     pub rows: (Vec<f64>, Vec<f64>),
 }
 
-/// What several networks may share.
+/// Inputs that several networks may share.
 pub type SharedInputs = Result<Arc<NetworkInputs>, Fault>;
 
 impl NetworkInputs {
-    /// Of a network, with the scales of the one that it begins as.
+    /// Inputs of a network, with the scales of its warm start if it has one.
     ///
-    /// # Errors
-    /// When the keys name none, every input is constant, there are no components as `whiten` asks for, or the network to begin
-    /// with has others.
+    /// # Errors If the keys select no input, every input is constant, `whiten` requests too many components, or the
+    /// warm start has other inputs.
     pub fn of(keys: &Network, samples: &Samples, whiten: Option<f64>, warm: Option<&WarmStart>) -> SharedInputs {
         let lines = samples.split(&keys.validation)?;
         let mut at = samples.places(keys.inputs.as_ref()).map_err(|f| f.of_param("inputs"))?;
@@ -47,11 +46,10 @@ impl NetworkInputs {
     }
 }
 
-/// How the inputs are scaled; those that are constant on the lines to train on are taken out of `at`, and returned. The last
-/// are the rows of the lines that the scaling is made of, row-major.
+/// Scaling of the inputs. Inputs that are constant on the training lines are removed from `at` and returned. The last
+/// item holds the rows from which the scaling is computed, row-major.
 ///
-/// # Errors
-/// When every input is constant, or there are no components as `whiten` asks for.
+/// # Errors If every input is constant, or `whiten` requests too many components.
 pub fn scaling(
     samples: &Samples,
     lines: &[usize],

@@ -1,76 +1,77 @@
-//! The keys of a network and of its training.
+//! Keys of a network and of its training.
 
 use learning::network::{self, Activation, Optimiser, SparseGroupLasso, Training};
 use schemas::{Fault, Rule, choice, params};
 
 choice! {
-    /// What is minimised, of the residual over the target's scale.
+    /// Loss function of the residual, relative to the scale of the target.
     pub enum TrainingLoss {
-        /// The mean of squares.
+        /// Mean squared residual.
         Squared = "squared",
-        /// The mean of absolute values.
+        /// Mean absolute residual.
         Absolute = "absolute",
-        /// Huber's: squares up to `huber_threshold`, straight lines beyond.
+        /// Huber loss: quadratic up to `huber_threshold`, linear beyond.
         Huber = "huber",
     }
 }
 
 choice! {
-    /// How the learning rate goes on.
+    /// Learning-rate schedule.
     pub enum LearningSchedule {
-        /// It stays.
+        /// Constant rate.
         Constant = "constant",
-        /// It falls to a hundredth along half a cosine.
+        /// Half a cosine, down to a hundredth.
         Cosine = "cosine",
-        /// It is halved after ten epochs without a smaller validation loss.
+        /// Halved after ten epochs without a smaller validation loss.
         Plateau = "plateau",
     }
 }
 
 params! {
-    /// A network and how it is trained.
+    /// A network and its training.
     pub struct Network;
-    /// Units of each hidden layer, from none to three layers.
-    hidden: Option<Vec<usize>>, unit "1", absent "`[8]`; `[11]` for `tlnn` and `etlnn`, as in thesis 004; with `warm_start` those of its network", rule Rule::Between(1.0, 1000.0);
-    /// What a hidden unit makes of its sum.
+    /// Number of units of each hidden layer, for up to three layers.
+    hidden: Option<Vec<usize>>, unit "1", absent "`[8]`; `[11]` for `tlnn` and `etlnn`, as in thesis 004; with `warm_start`: the layers of its network", rule Rule::Between(1.0, 1000.0);
+    /// Activation function of the hidden units.
     activation: Activation, unit "", default Activation::Swish;
-    /// The inputs of the network: entries of the features, by their names or what several names have before a `_`.
+    /// Inputs of the network: entries of the features, by name or by a prefix of several names before a `_`.
     inputs: Option<Vec<String>>, unit "", absent "all features";
-    /// How often Adam goes through the samples.
+    /// Number of epochs with Adam.
     epochs: usize, unit "1", default 200usize, rule Rule::Between(0.0, 100_000.0);
-    /// Iterations of L-BFGS with all samples after that.
+    /// Number of L-BFGS iterations on all samples after Adam.
     lbfgs_epochs: usize, unit "1", default 0usize, rule Rule::Between(0.0, 10_000.0);
-    /// Samples that a step of Adam looks at.
+    /// Number of samples per step of Adam.
     batch: usize, unit "samples", default 2048usize, rule Rule::Between(1.0, 1e7);
-    /// The size of a step of Adam.
+    /// Learning rate of Adam.
     learning_rate: f64, unit "1", default 0.001, rule Rule::Positive;
-    /// How the learning rate goes on.
+    /// Learning-rate schedule.
     schedule: LearningSchedule, unit "", default LearningSchedule::Constant;
-    /// What is minimised.
+    /// Loss function.
     training_loss: TrainingLoss, unit "", default TrainingLoss::Squared;
-    /// Where Huber's loss turns to straight lines, in scales of the target.
+    /// Residual at which the Huber loss becomes linear, in scales of the target.
     huber_threshold: f64, unit "1", default 1.0, rule Rule::Positive;
-    /// The part of each weight that a step of Adam takes off, times the learning rate (AdamW).
+    /// Weight decay: fraction of each weight that a step of Adam subtracts, times the learning rate (AdamW).
     weight_decay: f64, unit "1", default 0.0, rule Rule::NotNegative;
-    /// The part of the hidden units that a step leaves out.
+    /// Fraction of the hidden units that a training step omits.
     dropout: f64, unit "1", default 0.0, rule Rule::Between(0.0, 0.9);
-    /// The strength of the sparse group lasso on the weights of each input.
+    /// Strength of the sparse group lasso on the weights of each input.
     group_lasso: f64, unit "1", default 0.0, rule Rule::NotNegative;
-    /// The part of it that is on the group; the rest is on each weight.
+    /// Fraction of the lasso that applies to the group. The rest applies to each weight.
     group_share: f64, unit "1", default 1.0, rule Rule::Between(0.0, 1.0);
-    /// Lines (`1003.08` or `1003/1003.08`) or whole flights that are not trained on: the epoch with the smallest loss on
-    /// them is taken.
+    /// Lines (`1003.08` or `1003/1003.08`) or whole flights kept for validation. The epoch with the smallest validation
+    /// loss is used.
     validation: Vec<String>, unit "", default Vec::<String>::new();
-    /// Epochs without a smaller validation loss after which the training ends.
+    /// Number of epochs without a smaller validation loss after which training ends.
     patience: Option<usize>, unit "1", absent "all epochs are trained", rule Rule::Positive;
-    /// Networks that are trained from different first weights and averaged; their spread is the sigma of the prediction.
+    /// Number of networks that are trained from different initial weights and averaged. Their spread gives the standard
+    /// deviation of the prediction.
     members: usize, unit "1", default 1usize, rule Rule::Between(1.0, 100.0);
-    /// The seed of first weights, order of batches and dropout.
+    /// Seed of initial weights, batch order and dropout.
     seed: usize, unit "", default 0usize;
 }
 
 impl Network {
-    /// What is wrong with the keys among themselves.
+    /// Faults of incompatible keys.
     pub fn faults(&self) -> Vec<Fault> {
         let mut faults = vec![];
         let mut wrong = |is: bool, what: &str, key: &'static str| {
@@ -78,21 +79,29 @@ impl Network {
                 faults.push(Fault::new(what).of_param(key));
             }
         };
-        wrong(self.hidden.as_ref().is_some_and(|h| h.len() > 3), "a network has up to three hidden layers", "hidden");
-        wrong(self.epochs + self.lbfgs_epochs == 0, "nothing is trained: give `epochs` or `lbfgs_epochs`", "epochs");
+        wrong(
+            self.hidden.as_ref().is_some_and(|h| h.len() > 3),
+            "a network has at most three hidden layers; shorten `hidden`",
+            "hidden",
+        );
+        wrong(
+            self.epochs + self.lbfgs_epochs == 0,
+            "nothing is trained; set `epochs` or `lbfgs_epochs` above 0",
+            "epochs",
+        );
         let unvalidated = self.validation.is_empty();
-        let needs = "it needs lines or flights to validate with: name them in `validation`";
+        let needs = "this requires validation data; name lines or flights in `validation`";
         wrong(unvalidated && self.patience.is_some(), needs, "patience");
         wrong(unvalidated && self.schedule == LearningSchedule::Plateau, needs, "schedule");
         wrong(
             self.lbfgs_epochs > 0 && self.dropout > 0.0,
-            "L-BFGS minimises one loss, which `dropout` changes",
+            "`dropout` cannot be combined with `lbfgs_epochs`, because it changes the loss at each step",
             "dropout",
         );
         faults
     }
 
-    /// Why a key has no say beside the others.
+    /// Reason why a key has no effect.
     pub fn idle(&self, key: &str) -> Option<Fault> {
         let needs = |other: &str| Some(Fault::new(format!("`{key}` has no effect without `{other}`")));
         match key {
@@ -102,13 +111,13 @@ impl Network {
         }
     }
 
-    /// How much work a sample is: a pass over it for each unit of each epoch of each member.
+    /// Cost of a sample: one pass for each unit of each epoch of each member.
     pub fn effort(&self) -> f64 {
         let units = self.hidden.as_ref().map_or(8, |layers| layers.iter().sum::<usize>());
         ((self.epochs + self.lbfgs_epochs) * self.members * (units + 1)) as f64
     }
 
-    /// As the training takes them, with the seed of a member.
+    /// Training parameters, with the seed of a member.
     pub fn training(&self, seed: u64) -> Training {
         let lasso = SparseGroupLasso { strength: self.group_lasso, alpha: self.group_share };
         Training {

@@ -1,4 +1,4 @@
-//! The linear model beside a network.
+//! Linear model combined with a network.
 
 use numerics::{
     compensation::model_terms::core_term_names,
@@ -10,33 +10,32 @@ use schemas::{Fault, Rule, params};
 use crate::{bandpass::design, columns::data, fit::samples::Samples};
 
 params! {
-    /// The linear model beside a network: the ridge of band-passed terms, as `tolles_lawson` fits it.
+    /// Linear model combined with a network: the ridge of band-passed terms, as `tolles_lawson` fits it.
     pub struct LinearPart;
-    /// The terms of the linear model: entries of the features, by their names or what several names have before a `_`.
-    linear: Option<Vec<String>>, unit "", absent "those of Tolles and Lawson among the features, those of the core-field model where there are none; all features for `etlnn`. Other terms, such as slopes or those of the extended model, are inputs of the network alone";
-    /// The strength of the penalty.
+    /// Terms of the linear model: entries of the features, by name or by a prefix of several names before a `_`.
+    linear: Option<Vec<String>>, unit "", absent "the Tolles-Lawson terms among the features, otherwise those of the core-field model; for `etlnn` all features. Other terms, such as slopes or terms of the extended model, are inputs of the network only";
+    /// Ridge parameter.
     lambda: f64, unit "", default 0.025, rule Rule::NotNegative;
-    /// The lower corner of the filter of the linear fit; 0 leaves it off.
+    /// Lower corner frequency of the filter of the linear fit. 0 removes it.
     linear_low_hz: f64, unit "Hz", default 0.1, rule Rule::NotNegative;
-    /// The upper corner of that filter; 0 leaves it off.
+    /// Upper corner frequency of that filter. 0 removes it.
     linear_high_hz: f64, unit "Hz", default 0.9, rule Rule::NotNegative;
 }
 
-/// The order of the Butterworth prototype, and the samples left out at each end, as the defaults of `fit`.
+/// Order of the Butterworth prototype, and number of samples removed at each end: the defaults of `fit`.
 const ORDER: usize = 4;
 const TRIM: usize = 20;
 
-/// The names of the terms of Tolles and Lawson, as `a_matrix` makes them.
+/// Names of the Tolles-Lawson terms, as `a_matrix` makes them.
 const TOLLES_LAWSON: [&str; 22] = [
     "x", "y", "z", "xx", "xy", "xz", "yy", "yz", "zz", "xx_dot", "xy_dot", "xz_dot", "yx_dot", "yy_dot", "yz_dot",
     "zx_dot", "zy_dot", "zz_dot", "x_dot", "y_dot", "z_dot", "bias",
 ];
 
 impl LinearPart {
-    /// The places of its terms.
+    /// Positions of the terms.
     ///
-    /// # Errors
-    /// When an entry is not there, or nothing is left.
+    /// # Errors If an entry is missing, or no term remains.
     pub fn places(&self, samples: &Samples, all: bool) -> Result<Vec<usize>, Fault> {
         if self.linear.is_some() || all {
             return samples.places(self.linear.as_ref()).map_err(|f| f.of_param("linear"));
@@ -52,17 +51,16 @@ impl LinearPart {
         let core = core_term_names();
         let found = among(&|name| core.iter().any(|term| term == name));
         if found.is_empty() {
-            let what = "none of the features is a term of Tolles and Lawson, or of the core-field model";
-            let help = "make `tl` one of the features, or name the terms of the linear model in `linear`";
+            let what = "the features include no Tolles-Lawson terms and no terms of the core-field model";
+            let help = "add `tl` to `features`, or name the terms of the linear model in `linear`";
             return Err(Fault::data(what).of_param("linear").help(help));
         }
         Ok(found)
     }
 
-    /// The coefficients of the terms at `places`, fitted on `lines`.
+    /// Coefficients of the terms at `places`, fitted to `lines`.
     ///
-    /// # Errors
-    /// When no run is long enough for the filter, or the data do not determine them.
+    /// # Errors If no run is long enough for the filter, or the data do not determine the coefficients.
     pub fn fit(&self, samples: &Samples, lines: &[usize], places: &[usize]) -> Result<Vec<f64>, Fault> {
         let (width, terms) = (samples.names.len(), places.len());
         let mut moments = vec![];

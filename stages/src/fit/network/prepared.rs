@@ -1,4 +1,4 @@
-//! What the trainings of a network begin with, and the model that they end with.
+//! Start of the training of a network, and the resulting model.
 
 use std::sync::Arc;
 
@@ -23,20 +23,20 @@ use crate::{
     trained::{self, Learned, Term, list},
 };
 
-/// A validation loss of so many times the training loss is said to overfit.
+/// Ratio of validation loss to training loss above which overfitting is reported.
 const OVERFITS: f64 = 4.0;
 
-/// The network of one point of a sweep, to be trained.
+/// Network of one point of a sweep, to be trained.
 pub struct Task<'a> {
-    /// The model.
+    /// Declaration of the model.
     pub model: NetworkModel<'a>,
-    /// What most models have in common.
+    /// Settings that most models have.
     pub settings: &'a Settings,
-    /// The model that the training begins with, in place of a random one.
+    /// Model that training starts from instead of random weights.
     pub start: Option<&'a Learned>,
-    /// The inputs that it shares with others; not with a start, which has its own.
+    /// Inputs shared with other networks. `None` with a warm start, which has its own scaling.
     pub inputs: Option<&'a SharedInputs>,
-    /// Where its states are kept.
+    /// Storage of the training states.
     pub work: PointWork<'a>,
 }
 
@@ -48,8 +48,7 @@ pub struct Ready<'a> {
 }
 
 impl<'a> Ready<'a> {
-    /// # Errors
-    /// As [`WarmStart::of`] and [`NetworkInputs::of`].
+    /// # Errors The same as [`WarmStart::of`] and [`NetworkInputs::of`].
     pub fn of(task: &'a Task<'a>, samples: &Samples) -> Result<Self, Fault> {
         let warm = task.start.map(|model| WarmStart::of(model, task.model.form)).transpose()?;
         let inputs = match task.inputs.filter(|_| warm.is_none()) {
@@ -59,7 +58,7 @@ impl<'a> Ready<'a> {
         Ok(Self { task, warm, inputs })
     }
 
-    /// The network, with so many linear terms.
+    /// Network with this number of linear terms.
     fn core(&self, linear: usize) -> Core {
         let (model, scaling) = (&self.task.model, &self.inputs.scaling);
         let usual = || self.warm.as_ref().map_or_else(|| model.hidden.to_vec(), WarmStart::hidden);
@@ -79,32 +78,31 @@ impl<'a> Ready<'a> {
     }
 }
 
-/// What the trainings of the members begin with.
+/// Start of the training of all members.
 pub struct Prepared<'a> {
-    /// What is trained.
+    /// Task to train.
     pub task: &'a Task<'a>,
-    /// The network.
+    /// Network to train.
     pub core: Core,
-    /// The parameters that each member begins with.
+    /// Initial parameters of each member.
     pub members: Vec<Vec<f64>>,
-    /// The coefficients of the linear model, of scaled terms and in the scale of the target.
+    /// Coefficients of the linear model, for scaled terms and in the scale of the target.
     pub linear: Vec<f64>,
-    /// The rows to train on.
+    /// Training rows.
     pub rows: Scaled<'a>,
-    /// The rows to validate with, where there are any.
+    /// Validation rows, if any.
     pub validation: Option<Scaled<'a>>,
     inputs: &'a NetworkInputs,
     terms: TermScaling,
     linear_at: Vec<usize>,
     /// Mean and scale of the target, nT.
     target: (f64, f64),
-    /// What is said of a start that is far away.
+    /// Warning about inputs far from the data of the warm start.
     far: String,
 }
 
 impl<'a> Prepared<'a> {
-    /// # Errors
-    /// When the data do not determine the network, or it cannot begin as the one that is given.
+    /// # Errors If the data do not determine the network, or the warm start does not match.
     pub fn of(ready: &'a Ready<'a>, samples: &Samples) -> Result<Self, Fault> {
         let Ready { task, warm, inputs } = ready;
         let Task { model, settings, .. } = task;
@@ -140,14 +138,14 @@ impl<'a> Prepared<'a> {
                 warm.check(model.keys, &core, samples)?;
                 let members = warm.members(model.form, &in_scale);
                 let members: Vec<Vec<f64>> = members.iter().map(|m| core.scaled(&terms, m)).collect();
-                // The constant of another aircraft is not that of this one.
+                // The constant of another aircraft does not apply to this one.
                 let left = members.iter().flat_map(|m| {
                     let made = core.predict(m, &rows);
                     rows.y.iter().zip(made).map(|(y, made)| y - made).collect::<Vec<f64>>()
                 });
                 let mean = statistics::mean(&left.collect::<Vec<f64>>()).value;
                 if !mean.is_finite() {
-                    return Err(warm.fault("predicts numbers that are not finite on these lines"));
+                    return Err(warm.fault("predicts values that are not finite on these lines"));
                 }
                 target.0 = mean * target.1;
                 rows.y.iter_mut().for_each(|y| *y -= mean);
@@ -160,15 +158,14 @@ impl<'a> Prepared<'a> {
         Ok(Self { task, core, members, linear, rows, validation, inputs, terms, linear_at, target, far })
     }
 
-    /// The scale of the target, nT.
+    /// Scale of the target, nT.
     pub fn scale_nt(&self) -> f64 {
         self.target.1
     }
 
-    /// The model that the members were trained to.
+    /// Model after the training of its members.
     ///
-    /// # Errors
-    /// When its parameters do not fit it, or the samples of a network over a window have no rate.
+    /// # Errors If its parameters do not match its shape, or the samples of a network over a window have no rate.
     pub fn learnt(self, samples: &Samples, trained: &[Trained]) -> Result<Learnt, Fault> {
         let names = |at: &[usize]| at.iter().map(|&i| samples.names[i].clone()).collect::<Vec<_>>();
         let parameters = trained.iter().map(|t| self.core.original(&self.terms, &t.parameters)).collect();
@@ -200,7 +197,7 @@ impl<'a> Prepared<'a> {
     }
 }
 
-/// How the linear terms are scaled for the training.
+/// Scaling of the linear terms in training.
 fn term_scaling(
     samples: &Samples,
     lines: &[usize],
@@ -217,7 +214,7 @@ fn term_scaling(
     })
 }
 
-/// Mean and scale of what the network is to explain.
+/// Mean and scale of the target of the network.
 fn target(
     samples: &Samples,
     lines: &[usize],
@@ -237,17 +234,17 @@ fn target(
     }
     let (mean, scale) = (statistics::mean(&y).value, statistics::std(&y).value);
     if !(scale > 0.0 && scale.is_finite()) {
-        return Err(Fault::data("the target is constant: there is nothing to learn").of_param("target"));
+        return Err(Fault::data("the target is constant, so there is nothing to fit").of_param("target"));
     }
     Ok((mean, scale))
 }
 
-/// The seed of a member's first weights, batches and dropout.
+/// Seed of a member's initial weights, batches and dropout.
 pub fn member_seed(keys: &Network, member: usize) -> u64 {
     seed_of(keys.seed as u64, &["member", &member.to_string()])
 }
 
-/// The losses of all epochs, as rows of the table.
+/// Losses of all epochs, as rows of the table.
 fn curve(trained: &[Trained]) -> Vec<Term> {
     let mut out = vec![];
     for (m, member) in trained.iter().enumerate() {
@@ -267,11 +264,11 @@ fn warning(keys: &Network, samples: &Samples, constant: &[usize], trained: &[Tra
     let mut all = vec![];
     if !constant.is_empty() {
         let names: Vec<&str> = constant.iter().map(|&i| samples.names[i].as_str()).collect();
-        all.push(format!("constant, so no inputs of the network: `{}`", names.join("`, `")));
+        all.push(format!("constant and not used as inputs of the network: `{}`", names.join("`, `")));
     }
     let epochs = keys.epochs + keys.lbfgs_epochs;
     if validated && trained.iter().any(|t| t.best == epochs) {
-        all.push("the validation loss still fell at the last epoch: more `epochs` would do better".to_owned());
+        all.push("the validation loss was still falling at the last epoch; increase `epochs`".to_owned());
     }
     let ratio = |t: &Trained| {
         let best = t.epochs.get(t.best.checked_sub(1)?)?;
@@ -279,9 +276,7 @@ fn warning(keys: &Network, samples: &Samples, constant: &[usize], trained: &[Tra
     };
     let worst = trained.iter().filter_map(ratio).filter(|r| r.is_finite()).fold(0.0, f64::max);
     if validated && worst > OVERFITS {
-        all.push(format!(
-            "the loss on the lines of `validation` is {worst:.1} times that of the training: the network overfits"
-        ));
+        all.push(format!("the validation loss is {worst:.1} times the training loss; the network overfits"));
     }
     all.join("; ")
 }

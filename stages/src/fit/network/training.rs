@@ -1,4 +1,4 @@
-//! The training of networks within a fit.
+//! Training of networks within a fit.
 
 use std::{ops::ControlFlow, time::Instant};
 
@@ -11,13 +11,13 @@ use super::{
 };
 use crate::fit::{model::Learnt, samples::Samples};
 
-/// Seconds between two states that are kept.
+/// Time between two saved states, s.
 const KEPT_EVERY_S: f64 = 1.0;
 
-/// Trains networks, which share what they can of each pass over the samples. Each ends as it would alone.
+/// Trains networks, which share passes over the samples where possible. The results are the same as when trained alone.
 ///
-/// # Errors
-/// In place of a model where the data do not determine it, the loss is not finite, or the run is interrupted.
+/// # Errors A network has a fault instead of a model if the data do not determine it, its loss is not finite, or the
+/// run is interrupted.
 pub fn learn_together(tasks: &[Task<'_>], samples: &Samples) -> Vec<Result<Learnt, Fault>> {
     let ready: Vec<Result<Ready<'_>, Fault>> = tasks.iter().map(|task| Ready::of(task, samples)).collect();
     let of = |ready| Ok(InTraining::of(Prepared::of(ready, samples)?));
@@ -31,12 +31,12 @@ pub fn learn_together(tasks: &[Task<'_>], samples: &Samples) -> Vec<Result<Learn
     networks.into_iter().map(|network| network.and_then(learnt)).collect()
 }
 
-/// A network whose members are trained one after the other.
+/// Network whose members are trained one after the other.
 struct InTraining<'a> {
     prepared: Prepared<'a>,
-    /// The states of members that an earlier run left.
+    /// States of members saved by an earlier run.
     kept: Vec<State>,
-    /// The states of the members that are done.
+    /// States of the finished members.
     done: Vec<State>,
     trained: Vec<Trained>,
 }
@@ -47,7 +47,7 @@ impl<'a> InTraining<'a> {
         Self { prepared, kept, done: vec![], trained: vec![] }
     }
 
-    /// The state that a member begins with, or goes on from.
+    /// State from which a member starts or resumes.
     fn start(&self, member: usize) -> Option<State> {
         let first = self.prepared.members.get(member)?;
         Some(self.kept.get(member).cloned().unwrap_or_else(|| {
@@ -57,7 +57,7 @@ impl<'a> InTraining<'a> {
         }))
     }
 
-    /// Says where a member stands after an epoch, and keeps its state now and then.
+    /// Reports progress after an epoch and saves the state at intervals.
     fn goes_on(
         &self,
         number: usize,
@@ -78,7 +78,7 @@ impl<'a> InTraining<'a> {
     }
 }
 
-/// Trains one member of each network that has so many.
+/// Trains one member of each network that has enough members.
 fn train_members(number: usize, networks: &mut [Result<InTraining<'_>, Fault>]) {
     let mut members: Vec<(usize, Member<'_>)> = vec![];
     for (at, network) in networks.iter().enumerate() {
@@ -99,18 +99,18 @@ fn train_members(number: usize, networks: &mut [Result<InTraining<'_>, Fault>]) 
     }
 }
 
-/// A member in training.
+/// Member in training.
 struct Member<'a> {
     network: &'a InTraining<'a>,
     number: usize,
     training: Training,
-    /// Where it stands.
+    /// Current state.
     state: State,
-    /// The epoch that it begins with, and when it began.
+    /// First epoch of this run, and its start time.
     from: (usize, Instant),
-    /// When its state was last kept.
+    /// Time of the last saved state.
     kept: Option<Instant>,
-    /// Why it does not go on.
+    /// Fault that ended the training.
     stopped: Option<Fault>,
 }
 
@@ -173,7 +173,7 @@ fn progress(
     text
 }
 
-/// The states of the members that are done, and of the one that is trained: each with its length before it.
+/// States of the finished members and of the current one, each preceded by its length.
 fn states_bytes(done: &[State], now: &State) -> Vec<u8> {
     let mut out = vec![];
     for state in done.iter().chain([now]) {
@@ -238,7 +238,7 @@ mod tests {
             *line = arrow_array::RecordBatch::try_new(line.schema(), columns).unwrap();
         }
         let found = fitted_to(&lines, "m1", &[whole("epochs", 2)]);
-        assert_eq!(found.warning, "constant, so no inputs of the network: `c`");
+        assert_eq!(found.warning, "constant and not used as inputs of the network: `c`");
         assert!(!found.term.iter().any(|t| t.ends_with(" c")), "{:?}", found.term);
     }
 
@@ -251,8 +251,11 @@ mod tests {
             };
             format!("{} [{}]", fault.what, fault.param.unwrap_or_default())
         };
-        assert_eq!(said(&[words("validation", &["1.7"])]), "`1.7` is no line of the fit, and no flight [validation]");
-        assert_eq!(said(&[words("validation", &["1"])]), "no line is left to train on [validation]");
+        assert_eq!(
+            said(&[words("validation", &["1.7"])]),
+            "`1.7` is neither a line nor a flight of the fit [validation]"
+        );
+        assert_eq!(said(&[words("validation", &["1"])]), "no line remains for training [validation]");
         assert_eq!(said(&[words("inputs", &["d"])]), "the features have no entry `d` [inputs]");
         let diverged = said(&[number("learning_rate", 1e200), whole("batch", 10)]);
         let expected = diverged.starts_with("training diverged in epoch 1:") && diverged.ends_with("[learning_rate]");

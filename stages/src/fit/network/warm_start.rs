@@ -1,4 +1,4 @@
-//! Weights to begin with that another network was trained to.
+//! Initial weights from another trained network.
 
 use learning::{
     inputs::Inputs,
@@ -12,36 +12,36 @@ use crate::{
     trained::{Layers, Learned, Parts},
 };
 
-/// Standard deviations of the first training that an input may be away from its mean there, in the root mean square.
+/// Limit of the root mean square distance of an input from its mean in the first training, in standard deviations
+/// there.
 const FAR: f64 = 10.0;
-/// Names that a fault lists.
+/// Maximum number of names listed in a fault.
 const NAMED: usize = 6;
 
-/// The network of another fit, which a training begins with.
+/// Network of another fit from which training starts.
 ///
-/// Inputs and target keep its scales: the weights mean nothing on others.
+/// Inputs and target keep its scales, which its weights require.
 pub struct WarmStart<'a> {
     parts: Parts<'a>,
 }
 
 impl<'a> WarmStart<'a> {
-    /// Of a model, for a network of a form.
+    /// Warm start from a model, for a network of a form.
     ///
-    /// # Errors
-    /// When it is no network, or of another form.
+    /// # Errors If the model is not a network, or has another form.
     pub fn of(model: &'a Learned, form: Form) -> Result<Self, Fault> {
         let none = || {
-            let fault = Fault::data("the model of `warm_start` is no network").of_param("warm_start");
+            let fault = Fault::data("the model of `warm_start` is not a network").of_param("warm_start");
             fault.help("name the table of a fit of a network")
         };
         let start = Self { parts: model.parts().ok_or_else(none)? };
         if start.head().form == form {
             return Ok(start);
         }
-        Err(start.fault(&format!("has `model` {}, and this fit {}", start.head().form.word(), form.word())))
+        Err(start.fault(&format!("has `model` {}, but this fit has {}", start.head().form.word(), form.word())))
     }
 
-    /// What is wrong with it for this fit.
+    /// Fault of a warm start that does not match this fit.
     pub fn fault(&self, what: &str) -> Fault {
         Fault::data(format!("the network of `warm_start` {what}")).of_param("warm_start")
     }
@@ -53,26 +53,25 @@ impl<'a> WarmStart<'a> {
         }
     }
 
-    /// The units of its hidden layers.
+    /// Number of units of its hidden layers.
     pub fn hidden(&self) -> Vec<usize> {
         self.head().hidden.clone()
     }
 
-    /// The scale of its target, nT.
+    /// Scale of its target, nT.
     pub fn scale_nt(&self) -> f64 {
         self.parts.scale_nt
     }
 
-    /// The scaling of its inputs; `at` is put in their order.
+    /// Scaling of its inputs. Sorts `at` into their order.
     ///
-    /// # Errors
-    /// When its inputs are others, or its principal components others than `whiten` asks for.
+    /// # Errors If it has other inputs, or another number of principal components than `whiten` requests.
     pub fn scaling(&self, samples: &Samples, at: &mut Vec<usize>, whiten: Option<f64>) -> Result<Inputs, Fault> {
         self.order("inputs", self.parts.inputs, samples, at)?;
         let own = self.parts.scaling.components.as_ref().map(|components| components.count);
         let same = match (own, whiten) {
             (None, None) => true,
-            // Below 1 it is a part of the variance, which has no number of components on other lines.
+            // Below 1, `whiten` is a fraction of the variance and gives no fixed number of components.
             (Some(own), Some(keep)) => keep < 1.0 || keep == own as f64,
             (Some(_), None) | (None, Some(_)) => false,
         };
@@ -80,16 +79,15 @@ impl<'a> WarmStart<'a> {
             return Ok(self.parts.scaling.clone());
         }
         let what = match own {
-            Some(count) => format!("takes {count} principal components"),
-            None => "takes no principal components".to_owned(),
+            Some(count) => format!("uses {count} principal components"),
+            None => "uses no principal components".to_owned(),
         };
-        Err(self.fault(&what).help("give `whiten` as its fit does"))
+        Err(self.fault(&what).help("set `whiten` as in its fit"))
     }
 
-    /// Puts the places of the linear terms in the order of its own.
+    /// Sorts the positions of the linear terms into its order.
     ///
-    /// # Errors
-    /// When its terms are others.
+    /// # Errors If it has other terms.
     pub fn order_terms(&self, samples: &Samples, at: &mut Vec<usize>) -> Result<(), Fault> {
         self.order("linear", self.parts.linear, samples, at)
     }
@@ -108,18 +106,17 @@ impl<'a> WarmStart<'a> {
             }
             (Some(lacking), None) => format!("has the {noun} {lacking}, which this fit lacks"),
             (None, Some(more)) => format!("does not have the {noun} {more} of this fit"),
-            (Some(lacking), Some(more)) => format!("has the {noun} {lacking} in place of {more}"),
+            (Some(lacking), Some(more)) => format!("has the {noun} {lacking} instead of {more}"),
         };
-        Err(self.fault(&what).help(format!("give both fits the same `{key}`, or `rename` columns of the table")))
+        Err(self.fault(&what).help(format!("use the same `{key}` in both fits, or rename columns with `rename`")))
     }
 
     /// Checks that it is a network of the same kind as `core`, for this fit.
     ///
-    /// # Errors
-    /// With the first thing that is another.
+    /// # Errors The first difference.
     pub fn check(&self, keys: &Network, core: &Core, samples: &Samples) -> Result<(), Fault> {
         let other = |key: &str, own: &dyn std::fmt::Display, here: &dyn std::fmt::Display| {
-            Err(self.fault(&format!("has `{key}` {own}, and this fit {here}")))
+            Err(self.fault(&format!("has `{key}` {own}, but this fit has {here}")))
         };
         let head = match (core, self.parts.layers) {
             (Core::Dense(shape), Layers::Dense(_)) => shape,
@@ -133,13 +130,17 @@ impl<'a> WarmStart<'a> {
                 }
                 let here_hz = samples.rate_hz()?;
                 if (here_hz / rate_hz - 1.0).abs() > 0.01 {
-                    let what = format!("sees samples at {rate_hz} Hz, and these lines have {here_hz} Hz");
-                    return Err(self.fault(&what).help("resample them to the same rate"));
+                    let what = format!("was trained at {rate_hz} Hz, but these lines have {here_hz} Hz");
+                    return Err(self.fault(&what).help("use `resample` to give both the same rate"));
                 }
                 &here.head
             }
-            (Core::Dense(_), Layers::Windowed(..)) => return Err(self.fault("sees a window, and this one each sample")),
-            (Core::Windowed(_), Layers::Dense(_)) => return Err(self.fault("sees each sample, and this one a window")),
+            (Core::Dense(_), Layers::Windowed(..)) => {
+                return Err(self.fault("uses a window of samples, but this model uses single samples"));
+            }
+            (Core::Windowed(_), Layers::Dense(_)) => {
+                return Err(self.fault("uses single samples, but this model uses a window"));
+            }
         };
         let own = self.head();
         if own.activation != head.activation {
@@ -154,7 +155,8 @@ impl<'a> WarmStart<'a> {
         Ok(())
     }
 
-    /// The parameters of its members, with `linear`, in the scale of its target, for the coefficients that the form does not train.
+    /// Parameters of its members. `linear` replaces the coefficients that the form does not train, in the scale of its
+    /// target.
     pub fn members(&self, form: Form, linear: &[f64]) -> Vec<Vec<f64>> {
         let begin = |member: &Vec<f64>| {
             let mut member = member.clone();
@@ -170,7 +172,7 @@ impl<'a> WarmStart<'a> {
         self.parts.members.iter().map(begin).collect()
     }
 
-    /// What to know of inputs that are far from where it was trained; empty where none is.
+    /// Warning about inputs that are far from the data of the first training. Empty if there are none.
     pub fn far(&self, samples: &Samples, at: &[usize], lines: &[usize]) -> String {
         let Inputs { mean, scale, .. } = self.parts.scaling;
         let x = samples.columns(at, lines);
@@ -188,7 +190,7 @@ impl<'a> WarmStart<'a> {
     }
 }
 
-/// Some names, the first of them; `None` of none.
+/// The first of some names. `None` if there are none.
 fn listed<'a>(names: impl Iterator<Item = &'a String>) -> Option<String> {
     let all: Vec<String> = names.map(|name| format!("`{name}`")).collect();
     let rest = all.len().saturating_sub(NAMED);
@@ -314,20 +316,20 @@ mod tests {
         let says = |found: String, what: &str| assert!(found.contains(what), "{found}");
         says(why(&m1, "m1", &[words("inputs", &["a", "b"])]), "has the inputs `c`, which this fit lacks");
         says(why(&first("m1", &[words("inputs", &["a"])]), "m1", &[]), "does not have the inputs `b`, `c` of this fit");
-        says(why(&m1, "m1", &[word("activation", "tanh")]), "has `activation` swish, and this fit tanh");
+        says(why(&m1, "m1", &[word("activation", "tanh")]), "has `activation` swish, but this fit has tanh");
         let eight = ("hidden".to_owned(), Literal::List(vec![Literal::Int(8), Literal::Int(4)]));
-        says(why(&m1, "m1", std::slice::from_ref(&eight)), "has `hidden` [8], and this fit [8, 4]");
-        says(why(&m1, "m1", &[whole("members", 2)]), "has `members` 1, and this fit 2");
-        says(why(&m1, "m1", &[number("whiten", 2.0)]), "takes no principal components");
+        says(why(&m1, "m1", std::slice::from_ref(&eight)), "has `hidden` [8], but this fit has [8, 4]");
+        says(why(&m1, "m1", &[whole("members", 2)]), "has `members` 1, but this fit has 2");
+        says(why(&m1, "m1", &[number("whiten", 2.0)]), "uses no principal components");
         let m2c = first("m2c", &[words("linear", &["a"])]);
-        says(why(&m2c, "m2b", &[words("linear", &["a"])]), "has `model` m2c, and this fit m2b");
-        says(why(&m2c, "m2c", &[words("linear", &["b"])]), "has the linear terms `a` in place of `b`");
-        says(why(&m1, "gru", &[]), "sees each sample, and this one a window");
+        says(why(&m2c, "m2b", &[words("linear", &["a"])]), "has `model` m2c, but this fit has m2b");
+        says(why(&m2c, "m2c", &[words("linear", &["b"])]), "has the linear terms `a` instead of `b`");
+        says(why(&m1, "gru", &[]), "uses single samples, but this model uses a window");
         let gru = first("gru", &[whole("window", 4)]);
-        says(why(&gru, "lstm", &[whole("window", 4)]), "has `model` gru, and this fit lstm");
-        says(why(&gru, "gru", &[]), "has `window` 4 with 8 units, and this fit 16 with 8 units");
+        says(why(&gru, "lstm", &[whole("window", 4)]), "has `model` gru, but this fit has lstm");
+        says(why(&gru, "gru", &[]), "has `window` 4 with 8 units, but this fit has 16 with 8 units");
         says(why(&fitted_to(&bent(), "ridge", &[flag("intercept", true)]), "m1", &[]), "is linear");
-        says(why(&first_trees(), "m1", &[]), "is no network");
+        says(why(&first_trees(), "m1", &[]), "is not a network");
         let mut cut = first("m1", &[]);
         cut.term.remove(9);
         cut.value.remove(9);

@@ -1,44 +1,44 @@
-//! The window of samples that a network sees.
+//! Window of samples of a network.
 
 use learning::network::Memory;
 use schemas::{Fault, Rule, params};
 
 params! {
-    /// A window of samples.
+    /// Window of samples.
     pub struct WindowKeys;
-    /// Samples that a prediction looks at, the predicted one and those before it: none of the future.
+    /// Number of samples in a window, ending at the predicted sample. Future samples are not used.
     window: usize, unit "samples", default 16usize, rule Rule::Between(2.0, 4096.0);
-    /// Features that are made of the window.
+    /// Number of features computed from the window.
     units: usize, unit "1", default 8usize, rule Rule::Between(1.0, 1000.0);
 }
 
-/// What makes features of a window.
+/// Layers that compute features of a window.
 #[derive(Clone, Copy)]
 pub struct Window {
-    /// How.
+    /// Type of the layers.
     pub memory: Memory,
-    /// Samples.
+    /// Number of samples.
     pub window: usize,
-    /// Features.
+    /// Number of features.
     pub units: usize,
 }
 
 impl WindowKeys {
-    /// With what makes features of it.
+    /// Window with its type of layers.
     pub fn with(&self, memory: Memory) -> Window {
         Window { memory, window: self.window, units: self.units }
     }
 }
 
 impl Window {
-    /// How much more work a sample is for its window.
+    /// Cost of a sample relative to a network of single samples.
     pub fn effort(&self) -> f64 {
         (self.window * self.units) as f64
     }
 
-    /// What is wrong with its keys.
+    /// Faults of its keys.
     pub fn faults(&self) -> Vec<Fault> {
-        let what = format!("convolutions see a power of two of samples, and not {}", self.window);
+        let what = format!("`window` of convolutions must be a power of two, not {}", self.window);
         let wrong = self.memory == Memory::Tcn && !self.window.is_power_of_two();
         wrong.then(|| Fault::new(what).of_param("window")).into_iter().collect()
     }

@@ -2,7 +2,7 @@
 
 use super::TermsError;
 
-/// Where each family begins in the full row of 22 terms.
+/// Position of each family in the full row of 22 terms.
 pub(super) const INDUCED: usize = 3;
 pub(super) const EDDY: usize = 9;
 pub(super) const DERIVATIVE: usize = 18;
@@ -148,7 +148,7 @@ impl Terms {
         self.columns.iter().map(|&column| NAMES[column]).collect()
     }
 
-    /// How many terms there are.
+    /// Number of terms.
     pub fn len(&self) -> usize {
         self.columns.len()
     }

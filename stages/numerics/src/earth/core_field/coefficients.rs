@@ -126,7 +126,7 @@ impl std::fmt::Display for Coordinate {
     }
 }
 
-/// Why the core field is not available.
+/// Error of the core field.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum CoreFieldError {
     /// The date is outside the model's years.
@@ -142,9 +142,9 @@ pub enum CoreFieldError {
         last: f64,
     },
     /// A coordinate outside its range.
-    #[error("{value:?} is not a {coordinate}: {low} to {high} {unit}")]
+    #[error("{value:?} is not a {coordinate}; the range is {low} to {high} {unit}")]
     Position {
-        /// Which coordinate: `latitude`, `longitude` or `height`.
+        /// Coordinate: `latitude`, `longitude` or `height`.
         coordinate: Coordinate,
         /// The value.
         value: f64,

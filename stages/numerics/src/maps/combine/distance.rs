@@ -1,4 +1,4 @@
-//! How far a known node is from the edge of the known area.
+//! Distance of a known node from the edge of the known area.
 
 use crate::maps::plane_grid::PlaneGrid;
 use rayon::prelude::*;

@@ -10,7 +10,7 @@ use super::transform::Factor;
 use super::trend::Plane;
 use super::{ContinuationError, finite_height, usable_alpha};
 
-/// Which derivative.
+/// Direction of a derivative.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Derivative {
     /// Along easting, in nT/m.

@@ -11,7 +11,7 @@ use super::{ContinuationError, MAGNAV_ALPHA_M2, finite_height, upward, usable_al
 /// Levels are made one after the other; more than this many indicates a mistake in the heights or the step.
 const MOST_LEVELS: usize = 2000;
 
-/// How the field between two levels is found.
+/// Interpolation of the field between two levels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum HeightInterpolation {
     /// By a straight line, as MagNav.jl.
@@ -20,7 +20,7 @@ pub enum HeightInterpolation {
     Cubic,
 }
 
-/// How maps go between a level and a drape.
+/// Settings of the continuation between a level and a drape.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Drape {
     /// The step between levels in metres; without it half of the smaller spacing of the map.
@@ -29,12 +29,12 @@ pub struct Drape {
     pub down_max_m: f64,
     /// The damping of what is continued downward, in m².
     pub alpha_m2: f64,
-    /// How the field between two levels is found.
+    /// Interpolation of the field between two levels.
     pub interpolation: HeightInterpolation,
     /// How many times [`drape_to_level`] compares its answer, taken back to the drape, with the map, and adds the
     /// difference; 0 is the plain chessboard method.
     pub refinements: usize,
-    /// How the map is extended past its edges.
+    /// Extension of the map beyond its edges.
     pub padding: Padding,
 }
 

@@ -20,7 +20,7 @@ pub struct SideError {
 pub struct EdgeError {
     /// The western, eastern, southern and northern edge, without the contribution of the level.
     pub sides: [SideError; 4],
-    /// How many `[rows, columns]` were cropped on each side.
+    /// Number of `[rows, columns]` cropped on each side.
     pub cropped: [usize; 2],
     /// The estimate at each node, in nT.
     pub map: PlaneGrid,
@@ -85,7 +85,7 @@ fn minus(one: &[f64], other: &[f64]) -> Vec<f64> {
     one.iter().zip(other).map(|(a, b)| a - b).collect()
 }
 
-/// How much the values vary along the four sides: the root of the sum of their variances.
+/// Variation of the values along the four sides: the root of the sum of their variances.
 fn variation(grid: &PlaneGrid) -> f64 {
     let (last_row, last_column) = (grid.rows() - 1, grid.columns() - 1);
     let columns = [0, last_column].map(|column| (0..=last_row).map(|row| grid.get(row, column)).collect());

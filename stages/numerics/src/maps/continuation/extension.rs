@@ -1,4 +1,4 @@
-//! How a map is extended past its edges, so that a periodic transform can be used on it.
+//! Extension of a map beyond its edges, so that a periodic transform can be applied to it.
 
 use crate::maps::plane_grid::PlaneGrid;
 
@@ -38,7 +38,7 @@ pub enum Trend {
     EdgePlane,
 }
 
-/// How wide the padding is on each side. The padded sides are products of 2, 3, 5 and 7.
+/// Width of the padding on each side. The padded sides are products of 2, 3, 5 and 7.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Width {
     /// At least ten times the continuation distance and a tenth of the side, at most [`MOST_PADDING`] nodes.
@@ -49,7 +49,7 @@ pub enum Width {
     None,
 }
 
-/// How far and how a map is extended.
+/// Width and method of the extension of a map.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Padding {
     /// The width of the padding.
@@ -91,7 +91,7 @@ impl Padding {
         }
     }
 
-    /// How a map is laid out in the padded one for work over `distance_m` in height.
+    /// Layout of a map in the padded one for a continuation by `distance_m`.
     ///
     /// # Errors
     /// Fails with [`ContinuationError::TooLarge`] when the padded map has more than `most_nodes` nodes.
@@ -121,7 +121,7 @@ fn default_width(len: usize, step: f64, distance_m: f64) -> usize {
     reach.max(len.div_ceil(10)).min(MOST_PADDING)
 }
 
-/// Where the nodes of one side lie in the padded side.
+/// Position of the nodes of one side in the padded side.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct AxisLayout {
     /// The nodes of the map.
@@ -148,7 +148,7 @@ impl AxisLayout {
     }
 }
 
-/// Where a map lies in the padded one.
+/// Position of a map in the padded one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Layout {
     /// The rows, from south to north.

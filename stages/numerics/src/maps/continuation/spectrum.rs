@@ -39,7 +39,7 @@ impl Spectrum {
         Ok(Self { transform, east_m: grid.east_m, north_m: grid.north_m, trend, values })
     }
 
-    /// Where the map lies in the padded one.
+    /// Position of the map in the padded one.
     pub fn layout(&self) -> Layout {
         self.transform.layout
     }

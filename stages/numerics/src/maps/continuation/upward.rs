@@ -33,7 +33,7 @@ pub fn upward(grid: &PlaneGrid, up_m: f64, padding: &Padding) -> Result<PlaneGri
     continued(grid, up_m, 0.0, padding)
 }
 
-/// How downward continuation is damped.
+/// Damping of downward continuation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Regularisation {
     /// By the corner of the L-curve.

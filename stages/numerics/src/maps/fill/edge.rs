@@ -51,7 +51,7 @@ fn border_nodes(grid: &PlaneGrid, reach: usize) -> Vec<usize> {
     lines.into_iter().flat_map(line_nodes).collect()
 }
 
-/// Which nodes of a row lie within `reach` columns of an unknown one of that row.
+/// Nodes of a row within `reach` columns of an unknown node of that row.
 fn near_unknown(row: &[f64], reach: usize) -> Vec<bool> {
     let mut near = vec![false; row.len()];
     for unknown in row.iter().enumerate().filter(|(_, value)| value.is_nan()).map(|(column, _)| column) {

@@ -7,7 +7,7 @@ use kiddo::{ImmutableKdTree, QueryResultItem, SquaredEuclidean};
 use rayon::prelude::*;
 use std::num::NonZeroUsize;
 
-/// How the nearest nodes are averaged.
+/// Averaging of the nearest nodes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Weights {
     /// Uniform weights, as in MagNav.jl.
@@ -17,12 +17,12 @@ pub enum Weights {
     InverseDistance(f64),
 }
 
-/// How gaps are filled from the nearest nodes.
+/// Settings for filling gaps from the nearest nodes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NearestFill {
     /// The number of known nodes in a mean.
     pub neighbours: usize,
-    /// How they are averaged.
+    /// Averaging of the nodes.
     pub weights: Weights,
     /// A node stays unknown when its nearest known node is farther away than this, in metres.
     pub max_distance_m: Option<f64>,

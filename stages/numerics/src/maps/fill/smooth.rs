@@ -10,7 +10,7 @@ use std::ops::Range;
 /// Known nodes that are kept around the gaps: as far as two differences of the Laplace operator reach.
 const RIM: usize = 2;
 
-/// How gaps are filled with a smooth surface.
+/// Settings for filling gaps with a smooth surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SmoothFill {
     /// Whether the surface also takes up the slope at the edge of the gap.

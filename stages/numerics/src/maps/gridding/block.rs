@@ -4,7 +4,7 @@ use super::nearest::range;
 use crate::regression::statistics::median;
 use rayon::prelude::*;
 
-/// How the values of a block are reduced to one.
+/// Method that reduces the values of a block to one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BlockValue {
     /// The median, which is robust against outliers.

@@ -1,4 +1,4 @@
-//! How well left-out lines are predicted from the others.
+//! Prediction error of omitted lines.
 
 use super::nearest::NearestPoints;
 use super::survey::SurveyPoints;
@@ -40,7 +40,7 @@ pub struct Spread {
 }
 
 impl Spread {
-    /// Of the finite ones among the differences; NaN if there are none.
+    /// Statistic of the finite differences. NaN if there are none.
     pub fn of(differences: &[f64]) -> Self {
         let mut sizes: Vec<f64> = differences.iter().map(|d| d.abs()).filter(|d| d.is_finite()).collect();
         sizes.sort_unstable_by(f64::total_cmp);

@@ -34,7 +34,7 @@ pub fn far_points(east_m: &[f64], north_m: &[f64]) -> Vec<usize> {
     far
 }
 
-/// How far the middle 80 % of values reach.
+/// Range of the middle 80 % of values.
 fn middle(mut values: Vec<f64>) -> f64 {
     let Some(last) = values.len().checked_sub(1) else { return 0.0 };
     let [low, high] = [0.1, 0.9].map(|part| {

@@ -20,7 +20,7 @@ pub struct Layer {
     pub reach_m: f64,
 }
 
-/// How equivalent sources are fitted.
+/// Settings of the fit of equivalent sources.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FitOptions {
     /// The layers, deepest first.

@@ -5,7 +5,7 @@
 
 use rayon::prelude::*;
 
-/// How a surface is relaxed.
+/// Settings of the relaxation of a surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Relaxation {
     /// 0 is minimum curvature, 1 is Laplace's equation.
@@ -55,7 +55,7 @@ impl Constraint {
     }
 }
 
-/// How a node moves.
+/// Update of a node.
 #[derive(Clone, Copy, Debug)]
 enum Rule {
     Free,

@@ -70,7 +70,7 @@ impl SurveyPoints<'_> {
         }
     }
 
-    /// Where each run of points of one line starts and ends.
+    /// Start and end of each run of points of one line.
     pub fn runs(&self) -> Vec<std::ops::Range<usize>> {
         let mut runs: Vec<std::ops::Range<usize>> = Vec::new();
         for i in 0..self.len() {

@@ -45,11 +45,11 @@ pub(super) struct Adjustment<'a> {
 pub(super) struct Solution {
     /// By line, in nT; the common shift of the ties is in their constants.
     pub coefficients: Vec<f64>,
-    /// Of the crossovers.
+    /// Statistics of the crossovers.
     pub noise: CrossoverNoise,
     /// Widths of the corrections of lines and of ties, by order, nT.
     pub spread_nt: [Vec<f64>; 2],
-    /// Which lines are individually out of level.
+    /// Lines that are individually out of level.
     pub alone: Vec<bool>,
     /// Standard deviations of the differences, nT.
     sd_nt: Vec<f64>,

@@ -1,9 +1,9 @@
-//! Where survey lines cross each other.
+//! Crossings of survey lines.
 
 use crate::{maps::gridding::SurveyPoints, regression::statistics::median};
 use rayon::prelude::*;
 
-/// Which crossings count.
+/// Conditions on crossings.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CrossoverOptions {
     /// Two points of a line that are farther apart are a gap, in which nothing is interpolated, metres; `None` is

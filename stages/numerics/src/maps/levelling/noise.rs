@@ -1,4 +1,4 @@
-//! How far values may differ where lines cross without either line being wrong.
+//! Expected differences at crossings of lines without errors.
 
 use super::Crossover;
 use crate::regression::statistics::median;

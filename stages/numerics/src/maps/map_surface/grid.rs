@@ -9,11 +9,11 @@ use thiserror::Error;
 /// in single precision depart by 0.8 % of a step of 0.001° at 140°.
 const EVENNESS: f64 = 0.01;
 
-/// Why a table or its columns are not a map.
+/// Error of a table or columns that are not a map.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum MapError {
     /// An axis has fewer than two nodes.
-    #[error("the map has {count} {axis}(s); at least two are needed for a cell")]
+    #[error("the map has {count} {axis}(s); at least two are required")]
     TooSmall {
         /// `latitude` or `longitude`.
         axis: &'static str,
@@ -91,7 +91,7 @@ pub enum MapError {
     },
     /// A row of a table of nodes is not at its position in a complete grid.
     #[error(
-        "row {row} of the map is at latitude {lat_deg}, longitude {lon_deg}, where a complete grid \
+        "row {row} of the map is at latitude {lat_deg}, longitude {lon_deg}, but a complete grid \
          sorted by latitude, then longitude has {expected_lat_deg}, {expected_lon_deg}"
     )]
     Row {
@@ -107,7 +107,7 @@ pub enum MapError {
         expected_lon_deg: f64,
     },
     /// A value is infinite.
-    #[error("the anomaly in row {row} of the map is infinite; an unknown value is NaN")]
+    #[error("the anomaly in row {row} of the map is infinite; use NaN for an unknown value")]
     Infinite {
         /// The row, from 0, sorted by latitude, then longitude.
         row: usize,

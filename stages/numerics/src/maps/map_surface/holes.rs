@@ -9,7 +9,7 @@ pub(crate) struct Shape {
     pub(crate) closed: bool,
 }
 
-/// Which cells have an unknown node, one bit each; empty where every node is known.
+/// Cells with an unknown node, one bit each. Empty if every node is known.
 #[derive(Clone, Debug, Default)]
 pub(super) struct UnknownCells {
     words: Vec<u64>,

@@ -2,7 +2,7 @@
 
 use crate::regression::least_squares::{LeastSquaresError, Prepared, Triangular};
 
-/// How a descent ended.
+/// Result of a descent.
 pub(super) struct End {
     /// The duality gap, as a fraction of ‖y‖².
     pub(super) gap: f64,

@@ -388,7 +388,7 @@ impl Moments {
     }
 }
 
-/// How a left-out line is scored.
+/// Score of an omitted line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum LineScore {
     /// The mean squared error.

@@ -252,7 +252,7 @@ pub(super) fn deficient(rank: usize, terms: usize, rows: usize, unexcited: &[Str
     };
     let mut why = Vec::new();
     if !unexcited.is_empty() {
-        why.push(format!("{} never vary", quoted(unexcited)));
+        why.push(format!("{} are constant", quoted(unexcited)));
     }
     if !dependent.is_empty() {
         why.push(format!("{} are linearly dependent", quoted(dependent)));

@@ -198,7 +198,7 @@ fn law_badly_scaled_terms_are_not_called_dependent() {
     let factor = QrAccumulator::of(&with_bias, 2, &[&y]).unwrap();
     assert_eq!(factor.solve(&[0.0], &["a", "bias"]).unwrap().rank, 2);
     let error = factor.solve_centred(&[0.0], &["a", "bias"]).unwrap_err();
-    assert!(error.to_string().contains("`bias` never vary"), "{error}");
+    assert!(error.to_string().contains("`bias` are constant"), "{error}");
 }
 
 #[test]
@@ -224,7 +224,7 @@ fn r12_bad_input_is_named() {
     let inf = message(factor.push(&[1.0, 2.0, 3.0, 4.0], &[&[f64::INFINITY, 2.0]]));
     assert!(inf.contains("row 1 of target 0"), "{inf}");
     assert_eq!(factor.rows(), 1);
-    assert!(message(factor.push(&[1.0], &[&[1.0]])).contains("has 1 entries, but 2 are needed"));
+    assert!(message(factor.push(&[1.0], &[&[1.0]])).contains("has 1 entries, but 2 are required"));
     assert!(message(factor.push(&[1.0, 1.0], &[])).contains("list of targets"));
     assert!(message(factor.merge(QrAccumulator::new(1, 2))).contains("targets"));
     assert!(message(factor.merge(QrAccumulator::new(1, 1))).contains("terms"));

@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 
 use super::{FilterError, Section, ZeroPhase, cascade::Cascade};
 
-/// Where a sinusoid of `frequency_hz` is seen in samples at `rate_hz`, which is above 0: 0 to half of the rate.
+/// Alias of a sinusoid of `frequency_hz` in samples at `rate_hz` (above 0): 0 to half of the rate.
 pub fn alias_hz(frequency_hz: f64, rate_hz: f64) -> f64 {
     let turn = frequency_hz.rem_euclid(rate_hz);
     turn.min(rate_hz - turn)

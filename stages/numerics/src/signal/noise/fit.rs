@@ -8,17 +8,17 @@ use crate::signal::gauss_markov::GaussMarkov;
 
 /// The correlation times that are tried, before the best is refined.
 const TAUS: usize = 48;
-/// How often weights are renewed from the fit.
+/// Number of updates of the weights from the fit.
 const ROUNDS: usize = 4;
 /// The samples that a record needs at least.
 const LEAST_SAMPLES: usize = 64;
-/// How many correlation times all runs together, and the longest of them, have to last.
+/// Minimum duration of all runs together, and of the longest, in correlation times.
 const LEAST_TAUS: [f64; 2] = [20.0, 8.0];
 /// By how much the deviance must fall for a lasting part to be more than chance: three parameters' worth, 0.5 %.
 const LEAST_GAIN: f64 = 12.0;
 
 choice! {
-    /// What of a record is fitted.
+    /// Statistic of a record that is fitted.
     pub enum FitBy {
         /// Its autocorrelation, as half the mean square of the change over a lag: that is the variance less the
         /// autocovariance, and independent of the mean, which a short record does not tell.
@@ -28,22 +28,25 @@ choice! {
     }
 }
 
-/// Why there is no fit.
+/// Error of the fit.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum FitError {
     /// There are too few samples.
-    #[error("the noise needs a run of at least {LEAST_SAMPLES} samples without a gap, but the longest has {longest}")]
+    #[error(
+        "the noise fit requires a run of at least {LEAST_SAMPLES} samples without a gap, but the longest has {longest}"
+    )]
     TooShort {
         /// The samples of the longest run.
         longest: usize,
     },
     /// The record does not change.
-    #[error("the record is constant: there is no noise in it")]
+    #[error("the record is constant and contains no noise")]
     Constant,
     /// The correlation time is too long for the record.
     #[error(
-        "the record is too short for its correlation time of some {tau_s:.0} s: it lasts {total_s:.0} s, its longest run \
-         {longest_s:.0} s, where 20 and 8 correlation times are needed"
+        "the record is too short for its correlation time of about {tau_s:.0} s: it lasts {total_s:.0} s, its longest \
+         run \
+         {longest_s:.0} s, but 20 and 8 correlation times are required"
     )]
     Unresolved {
         /// The correlation time that fits best, s.
@@ -57,7 +60,7 @@ pub enum FitError {
 
 /// A statistic of the record: what it is of a unit of each part depends on the correlation time.
 struct Point {
-    /// Of white noise of variance 1.
+    /// Statistic of white noise of variance 1.
     white: f64,
     /// The time over which it is taken, s.
     span_s: f64,
@@ -69,7 +72,7 @@ struct Point {
 }
 
 impl Point {
-    /// Of a Gauss-Markov process of variance 1.
+    /// Statistic of a Gauss-Markov process of variance 1.
     fn lasting(&self, tau_s: f64) -> f64 {
         match self.sampled {
             true => -(-self.span_s / tau_s).exp_m1(),

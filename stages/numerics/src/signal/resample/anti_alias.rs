@@ -9,7 +9,7 @@ pub const ANTI_ALIAS_FRACTION: f64 = 0.8;
 /// The order of the low-pass: with both passes it attenuates by 31 dB at half of the new rate.
 pub const ANTI_ALIAS_ORDER: usize = 8;
 
-/// Why a column cannot be low-passed.
+/// Error of an anti-alias filter.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum AntiAliasError {
     /// The samples are not evenly spaced, which a filter requires.

@@ -60,7 +60,7 @@ fn law_segments_with_gaps_are_left_out_and_counted() {
 fn r12_what_has_no_spectrum_is_named() {
     let error = |x: &[f64], rate, segment| welch(x, rate, segment, Window::Hann).unwrap_err().to_string();
     assert!(error(&[1.0; 9], 10.0, 10).contains("no 10 consecutive samples of 9"));
-    assert!(error(&[f64::NAN; 20], 10.0, 10).contains("choose shorter"));
+    assert!(error(&[f64::NAN; 20], 10.0, 10).contains("use shorter"));
     assert!(error(&[1.0; 9], 0.0, 4).contains("above 0 Hz"));
     assert!(error(&[1.0; 9], 1.0, 1).contains("at least 2"));
 }
