@@ -32,12 +32,12 @@ impl TableNode {
 /// The column [`IN_SAMPLE`] of one table.
 pub struct InSample<'a> {
     graph: &'a Graph<'a>,
-    /// What the points of each table of scores saw.
+    /// Data that the points of each table of scores used.
     seen: BTreeMap<usize, Seen>,
 }
 
 impl<'a> InSample<'a> {
-    /// Of the table `t`; `None` where it has no such column.
+    /// In-sample rows of the table `t`; `None` where it has no such column.
     ///
     /// # Errors
     /// Fails when the goal of the search selects no line.

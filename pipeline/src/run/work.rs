@@ -33,7 +33,7 @@ pub struct Made {
     pub unit: Unit,
     /// The columns that its stage made, or why it could not.
     pub rows: Result<RecordBatch, Fault>,
-    /// What is said of it beside its rows.
+    /// Notes attached to the result: skipped lines and warnings.
     pub remarks: Remarks,
 }
 
@@ -49,7 +49,7 @@ const POINTS_A_GROUP: usize = 8;
 /// The least time between two reports of the progress of a unit.
 const TOLD_EVERY: Duration = Duration::from_secs(1);
 
-/// What a stage's preparation depends on: its table, and the parameters, models and maps that it uses.
+/// Dependencies of a stage's preparation: its table, and the parameters, models and maps that it uses.
 type Basis = (usize, String);
 
 /// A point on a line: its stage, the columns it reads, and what the stage prepared.
@@ -71,7 +71,7 @@ type Gathered = (Vec<Fault>, Result<Product, Fault>);
 /// Says whether a line can be used by a unit.
 pub type Usable<'a> = dyn Fn(LineId, Unit) -> bool + Sync + 'a;
 
-/// What a survey stage is given for its units, one a point.
+/// Inputs of a survey stage for its units, one per point.
 struct Attended<'a> {
     worker: &'a Worker<'a>,
     units: &'a [Unit],
@@ -141,13 +141,13 @@ impl<'a> Worker<'a> {
         self.store
     }
 
-    /// Tells that nothing goes on before there is `what`, or that it goes on.
+    /// Reports that the run waits for `what`, or that it resumes.
     #[cfg(feature = "cluster")]
     pub fn waits(&self, what: Option<&str>) {
         self.listener.hear(&Event::Waiting { what });
     }
 
-    /// What the stage of a table works on.
+    /// Granularity of the stage of a table.
     pub fn grain(&self, table: usize) -> Grain {
         self.graph.plan.tables[table].entry.grain
     }
@@ -155,7 +155,7 @@ impl<'a> Worker<'a> {
     /// The contents of the files of a table.
     ///
     /// # Errors
-    /// As [`Cut::new`].
+    /// The same as [`Cut::new`].
     pub fn cut(&self, table: usize) -> Result<&Cut<'a>, Fault> {
         match self.cuts.get(table) {
             Some(cut) => cut.as_ref().map_err(Clone::clone),
@@ -238,7 +238,7 @@ impl<'a> Worker<'a> {
             Some(first) => guarded(|| Ok(first.stage.run_points(&able))),
             None => Ok(vec![]),
         };
-        // One that panics takes the others with it: they are run again, each by itself.
+        // A panic of one point discards the others of the group: each is then computed separately.
         let alone = |point: &AnyLinePoint| guarded(|| point.stage.run(point.line, point.prepared));
         let answers = together.unwrap_or_else(|_| able.iter().map(alone).collect());
         let mut answers = answers.into_iter();
@@ -485,7 +485,7 @@ impl<'a> Worker<'a> {
             Made { unit: *unit, rows, remarks: Remarks { left_out, warnings } }
         };
         let made = units.iter().zip(left_out.into_iter().zip(tables)).map(made);
-        // What an interrupt stopped is not concluded.
+        // An interrupted unit has no final outcome.
         let stopped =
             |m: &Made| INTERRUPTED.load(Ordering::Relaxed) && m.rows.as_ref().is_err_and(|f| !f.owner.is_lasting());
         made.filter(|m| !stopped(m)).collect()
