@@ -37,7 +37,7 @@ pub struct InSample<'a> {
 }
 
 impl<'a> InSample<'a> {
-    /// In-sample rows of the table `t`; `None` where it has no such column.
+    /// Creates the in-sample test of the table `t`; `None` where it has no such column.
     ///
     /// # Errors
     /// Fails when the goal of the search selects no line.

@@ -28,7 +28,8 @@ params! {
 }
 
 params! {
-    /// The table of a model. `where` is added to it: an SQL condition on its columns that selects one model of several.
+    /// The table of a model. The separate key `where` is an SQL condition on its columns that selects one model of
+    /// several.
     pub struct ModelOptions, all default;
     /// The columns that the model requires in a line, as the `features` of its fit.
     features: Vec<String>, unit "", default ["tl"].map(String::from);

@@ -17,12 +17,12 @@ pub struct Preferred {
     pub samples: usize,
 }
 
-/// Numbers of bins of the histograms, as powers of two: a peak must be narrower than a few bins and needs enough
-/// samples.
+/// Numbers of bins of the histograms, as powers of two, and minimum mean number of samples per bin. A peak must be
+/// narrower than a few bins and needs enough samples.
 const BINS: Range<u32> = 7..15;
 const LEAST_A_BIN: f64 = 4.0;
-/// Minimum ratio of a peak to the median of the bins to either side, the number of these bins, and the minimum number
-/// of samples of a peak.
+/// Minimum ratio of a peak to the median of the bins around it. Number of bins on either side for this median. Minimum
+/// number of samples of a peak.
 const HIGHER: f64 = 4.0;
 const AROUND: usize = 12;
 const LEAST: f64 = 8.0;

@@ -14,8 +14,8 @@ const LEAST_DEG: f64 = 20.0;
 /// A slower moment within a turn, s.
 const LULL_S: f64 = 3.0;
 /// Minimum length of a leg, s; shorter ones belong to the adjacent turns. It is the second value or, where no leg is
-/// long, `LEG_OF_SHORT` of the longest. The sides of a small square are thus legs in every lap or in none. The first
-/// value is a lower bound, because the smoothing of turn rates blurs shorter legs.
+/// long, a share `LEG_OF_SHORT` of the longest. The sides of a small square are thus legs in every lap or in none. The
+/// first value is a lower bound, because the smoothing of turn rates blurs shorter legs.
 const LEG_S: (f64, f64) = (3.6, 5.0);
 const LEG_OF_SHORT: f64 = 0.35;
 /// The course of a leg is within this of its mean, degrees, but for a tenth of its samples.

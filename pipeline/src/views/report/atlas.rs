@@ -381,7 +381,7 @@ fn outlines(canvas: &Canvas, flown: &Flown, rings: &[(usize, Ellipse)], times: f
     } }
 }
 
-/// Legend of the map. The ellipses, where drawn, are enlarged by this factor.
+/// Legend of the map. `ellipses` is the enlargement of the ellipses; `None` where none are drawn.
 fn legend(flown: &Flown, ellipses: Option<f64>) -> Markup {
     html! {
         p.legend {

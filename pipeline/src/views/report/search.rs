@@ -24,7 +24,7 @@ use crate::{
 const HEIGHT: f64 = 280.0;
 /// More trials are neither listed nor drawn.
 const MOST: usize = 1000;
-/// Ratio of a goal to its best above which the goal is drawn on a ratio scale.
+/// Ratio of the largest to the smallest goal above which the axis is logarithmic.
 const WIDE: f64 = 8.0;
 
 /// One row of the table of trials.
