@@ -1,6 +1,6 @@
 //! A worker: Ballista's executor, which takes tasks from the scheduler, and a process of this program for each core, which
-//! computes them. A crash, a hang or excessive memory use affects only the process of the unit; the executor continues to
-//! report to the scheduler.
+//! computes them. A crash, a hang or excessive memory use affects only the process of the unit. The executor then
+//! continues to report to the scheduler.
 
 use std::{
     fs::{self, DirBuilder},
