@@ -1,4 +1,4 @@
-//! Whatever arrives, the answer is a clear message or a result that says what was left out.
+//! Every input leads to a clear message, or to a result that lists the skipped parts.
 
 use std::fs;
 

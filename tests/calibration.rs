@@ -1,4 +1,4 @@
-//! What a fit says of itself, and what is left out when it chooses.
+//! Warnings of a fit, and the lines that it skips when it chooses.
 
 use std::fs;
 
@@ -64,7 +64,7 @@ fn law_the_trivial_solution_is_told_at_the_end_with_what_it_may_miss() {
     let output = bench.magline(&["run", "spec.toml"]);
     assert!(output.status.success(), "{}", stderr(&output));
     let said = stderr(&output);
-    // Six of seven fits are trivial: the first is told, the others are counted.
+    // Six of seven fits are trivial: the first is shown, the others are counted.
     let first = "warning: model: the fit has a warning at 6 places, first (lambda = 0, vector = flux_a): ";
     assert!(said.contains(first) && said.contains("trivial solution"), "{said}");
     assert!(said.contains("warning: 6 warnings; the table `small.warnings` lists all"), "{said}");

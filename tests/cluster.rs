@@ -1,4 +1,4 @@
-//! A run on a cluster of this program: the same bytes, each unit once, whatever happens to its processes.
+//! A run on a cluster of this program: the same bytes, each unit once, for any failure of its processes.
 
 use std::{
     collections::BTreeMap,
@@ -58,7 +58,7 @@ fn total(last: &Value, what: &str) -> u64 {
     last[what].as_u64().unwrap_or_else(|| panic!("no {what} in {last}"))
 }
 
-/// How often each unit was computed, by the receipts of the workers.
+/// Number of computations of each unit, by the receipts of the workers.
 fn computed(cluster: &Cluster) -> BTreeMap<String, usize> {
     let mut found = BTreeMap::new();
     for line in cluster.receipts() {
@@ -101,7 +101,7 @@ fn user_a_cluster_gives_the_bytes_of_a_local_run_and_each_unit_once() {
     for worker in &cluster.workers {
         assert!(std::fs::metadata(&worker.1).unwrap().len() > 0, "each worker had its part");
     }
-    // Each unit is told once, whichever worker had it.
+    // Each unit is reported once, for any worker.
     let text = stdout(&output);
     let told = text.lines().filter(|l| l.starts_with(r#"{"event":"unit""#) && l.contains(r#""status":"computed""#));
     assert_eq!(told.count() as u64, units);
@@ -127,7 +127,7 @@ fn user_a_worker_that_is_killed_costs_what_it_had_at_hand() {
     let output = run.wait_with_output().unwrap();
     let (code, last) = ended(&output);
     assert_eq!(code, 0, "{} {}", stderr(&output), cluster.said());
-    // What the worker had finished, and could not tell, was found.
+    // The results that the worker had finished, and could not report, were found.
     assert_eq!(total(&last, "computed") + total(&last, "reused"), units);
     same(&bench, "whole", "store");
     assert_once(&cluster);
@@ -171,7 +171,7 @@ fn user_without_workers_a_run_ends_in_words_and_the_next_one_goes_on() {
     let (code, last) = ended(&again);
     assert_eq!(code, 0, "{} {}", stderr(&again), cluster.said());
     assert!(total(&last, "reused") >= finished && total(&last, "computed") > 0);
-    // What was published without the rest stands in files of its own.
+    // Results that were published without the others are in separate files.
     assert!(bench.magline(&["compact", "spec.toml"]).status.success());
     same(&bench, "whole", "store");
     assert_once(&cluster);
@@ -200,7 +200,7 @@ fn user_two_runs_at_once_share_a_cluster() {
         let output = run.wait_with_output().unwrap();
         let (code, last) = ended(&output);
         assert_eq!(code, 0, "{} {}", stderr(&output), cluster.said());
-        // What both ask for is computed by one of them, or by both at once.
+        // A unit that both need is computed by one of them, or by both at once.
         assert_eq!(total(&last, "computed") + total(&last, "reused"), units);
     }
     let (expected, found) = (bench.tables("whole"), bench.tables("store"));
@@ -222,7 +222,7 @@ fn user_a_run_that_is_interrupted_takes_its_tasks_back_and_goes_on() {
     let again = begun(&bench, &cluster, &[]).wait_with_output().unwrap();
     assert_eq!(ended(&again).0, 0, "{} {}", stderr(&again), cluster.said());
     same(&bench, "whole", "store");
-    // What was taken back counts as no attempt.
+    // A cancelled unit counts as no attempt.
     assert!(!bench.path("store/attempts").read_dir().unwrap().any(|_| true));
 }
 

@@ -91,7 +91,7 @@ impl Cluster {
         format!("ballista://{}", self.at)
     }
 
-    /// One worker more, with the store `store`, which is at work when this returns.
+    /// Adds a worker with the store `store`, which is running on return.
     pub fn add(&mut self, store: &str) {
         self.add_with(store, &[]);
     }
@@ -143,7 +143,7 @@ impl Cluster {
         self.workers.iter().flat_map(|(_, file)| of(file)).collect()
     }
 
-    /// What the workers said on standard error.
+    /// Standard error of the workers.
     pub fn said(&self) -> String {
         let of = |(_, file): &(Child, PathBuf)| fs::read_to_string(file.with_extension("log")).unwrap();
         self.workers.iter().map(of).collect()

@@ -1,4 +1,4 @@
-//! What `explain --cost` says before a run, beside what the run then does.
+//! Estimates of `explain --cost` before a run, compared with the run.
 
 use std::{fs, path::Path};
 
@@ -77,11 +77,11 @@ fn user_the_cost_of_a_sweep_that_grows_is_that_of_its_new_points() {
     for table in ["even", "terms"] {
         assert_eq!(number(of(&more, table), "compute"), 0.0, "{table}");
     }
-    // A third value beside two: half of what both were.
+    // A third value in addition to two: half of the total for these.
     assert_eq!(number(of(&more, "clean"), "compute"), 16.0);
     assert_eq!(number(of(&more, "clean"), "rows"), number(of(&whole, "clean"), "rows") / 2.0);
     assert!(number(&more, "bytes") < number(&whole, "bytes"));
-    // What the store has measured by now does not change a byte of what is published.
+    // Measurements in the store do not change a byte of the published tables.
     let (again, tables) = (Bench::new(), bench.tables("store"));
     assert_eq!(again.run(&[]).code, 0);
     fs::remove_dir_all(again.path("store/costs")).unwrap();

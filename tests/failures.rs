@@ -1,4 +1,4 @@
-//! What becomes of a survey stage when single lines cannot be used.
+//! Results of a survey stage with single unusable lines.
 
 use arrow_array::RecordBatch;
 
@@ -54,7 +54,7 @@ fn r10_a_fit_goes_on_without_a_line_that_it_cannot_use_and_names_it() {
     assert_eq!((failures[0][0].as_str(), failures[0][1].as_str()), ("1.02", "coefficients"));
     assert!(failures[0][2].contains("flight 1, line 1.02, column `tt`"), "{failures:?}");
     assert_eq!(first.last["failures"].as_array().map(Vec::len), Some(1), "{}", first.last);
-    // What is reused was made without the line too, and says so.
+    // A reused result was made without the line too, and reports it.
     let again = bench.run(&[]);
     assert_eq!((again.code, again.last["tables"]["coefficients"]["reused"].as_u64()), (1, Some(1)), "{}", again.last);
     assert_eq!(outcome(&bench), (lines, failures));
@@ -80,7 +80,7 @@ fn r10_a_fit_whose_line_is_too_short_names_it() {
     assert_eq!(run.code, 1);
     let told = texts(&read(&short.path("store/tables/whole/failures")), "error").join("\n");
     assert!(told.contains("flight 1, line 1.02 has 40 samples in its longest run and requires "), "{told}");
-    // Beside longer ones it is left out, and the fit says so.
+    // Together with longer lines it is skipped, and the fit reports it.
     short.spec(FIT);
     assert_eq!(short.run(&[]).code, 0);
     let rows = read(&short.path("store/tables/whole/coefficients"));

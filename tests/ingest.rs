@@ -74,8 +74,8 @@ fn ref_real_logs_come_in_through_their_mappings() {
     }
     assert!(noted.contains("its clock was 0 on 2013-11-29 at 21:59:47.520 UTC"), "{noted}");
     let mag = file(&folder.path().join("sky/mag/mag.parquet"));
-    // As pyarrow shows the file: time_s 13.244, mag (-195, 28, -618), offset (172, -19, -153) mgauss; GPS is 511203.52 s ahead
-    // in its week (the median), UTC 16 s behind it, on the fifth day of the week.
+    // Values of the file as shown by pyarrow: time_s 13.244, mag (-195, 28, -618), offset (172, -19, -153) mgauss. GPS
+    // is 511203.52 s ahead in its week (the median), UTC 16 s behind it, on the fifth day of the week.
     assert!((numbers(&mag, "tt")[0] - (511_203.52 + 13.244 - 16.0 - 5.0 * 86_400.0)).abs() < 1e-6);
     let first = ["flux_a_x", "flux_a_y", "flux_a_z"].map(|axis| numbers(&mag, axis)[0]);
     assert_eq!(first, [-36_700.0, 4_700.0, -46_500.0]);
@@ -376,7 +376,7 @@ fn user_two_ingests_at_once_into_one_folder() {
         assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
     }
     assert_eq!(file(&at.join("out/log.parquet")).iter().map(RecordBatch::num_rows).sum::<usize>(), 20_000);
-    // Of different data of one name, one is first.
+    // One of several data sets with the same name is first.
     for name in ["a", "b", "c"] {
         fs::create_dir(at.join(name)).unwrap();
         log(&at.join(name), "log.csv", 5_000 + name.len() + usize::from(name.as_bytes()[0]));

@@ -24,7 +24,7 @@ impl Schemas {
         Schemas(json.map(one).collect())
     }
 
-    /// What is wrong with `value` by the schema at `url`: an `$id`, with a pointer behind `#`.
+    /// Faults of `value` by the schema at `url`: an `$id`, with a pointer behind `#`.
     pub fn faults(&self, url: &str, value: &Value) -> Vec<String> {
         let mut wrong = vec![];
         self.reference("", url, value, "", &mut wrong);

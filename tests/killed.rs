@@ -1,4 +1,4 @@
-//! A run that is killed at any moment leaves nothing half-written, and goes on where it stopped.
+//! A run that is killed at any moment leaves nothing half-written, and resumes.
 
 use std::{
     process::{Child, Command, Stdio},
@@ -8,7 +8,7 @@ use std::{
 
 use crate::support::{Bench, read};
 
-/// Runs that are ended at many moments, and one that goes on to the end: the tables of an undisturbed run.
+/// Runs that are ended at many moments, and one that resumes to the end: the tables of an undisturbed run.
 fn same_after(bench: &Bench, end: impl Fn(&mut Child)) {
     let started = Instant::now();
     assert_eq!(bench.run(&["--set", "store=whole"]).code, 0);
@@ -27,7 +27,7 @@ fn same_after(bench: &Bench, end: impl Fn(&mut Child)) {
         sleep(whole_run * i / (2 * KILLS));
         end(&mut child);
         died += u32::from(!child.wait().unwrap().success());
-        // Whatever is there under a final name can be read.
+        // Every file under a final name can be read.
         for table in ["even", "terms", "clean", "track", "scores"] {
             let folder = bench.path("killed/tables/small").join(table);
             if folder.exists() {

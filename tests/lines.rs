@@ -119,7 +119,7 @@ fn user_lines_are_found_shown_edited_and_used() {
         assert_eq!(texts(&same, "line"), texts(&auto, "line"), "{name}");
     }
 
-    // What somebody has edited is not replaced, and is used.
+    // An edited file is not replaced, and is used.
     let edited = found.lines().take(2).collect::<Vec<_>>().join("\n").replace("box1", "first") + "\n";
     fs::write(at.join("lines.csv"), &edited).unwrap();
     assert!(run(&look, 2).1.contains("already contains other lines"));

@@ -113,7 +113,7 @@ fn ref_magarrow_and_mfam_logs_come_in_through_their_mapping() {
     let two = file(&folder.path().join("out/mfam.parquet"));
     assert_eq!(numbers(&two, "mag_1_uc").iter().filter(|x| x.is_nan()).count(), 30);
     assert_eq!(numbers(&two, "mag_2_uc")[0], 32_573.7);
-    // What the sensor says of itself is a figure of quality.
+    // Status messages of the sensor are a figure of quality.
     let quality = file(&folder.path().join("out/_quality/mfam.parquet"));
     let at = texts(&quality, "check").iter().position(|check| check == "dead_zone").unwrap();
     assert_eq!((texts(&quality, "column")[at].as_str(), numbers(&quality, "count")[at]), ("mag_1_uc", 30.0));

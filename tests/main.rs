@@ -1,4 +1,4 @@
-//! What a user of magline sees: the command line, its tables and its messages.
+//! User interface of magline: the command line, its tables and its messages.
 //!
 //! Every test runs the built binary on files in a folder of its own. Names say what a test trusts: `law_` physics or
 //! algebra, `val_` another program, `ref_` a printed figure, `gold_` frozen text, `user_` what the README promises.

@@ -164,7 +164,7 @@ fn user_a_spec_goes_from_survey_points_to_a_map_to_navigation() {
     fine(&bench.magline(&["report", "spec.toml", "-o", "report.html"]));
     assert!(fs::read_to_string(bench.path("report.html")).unwrap().contains("on the anomaly map"));
 
-    // What rests on the height is computed anew, and nothing else is.
+    // Only results that depend on the height are recomputed.
     bench.spec(&(TABLES.to_owned() + &FROM_POINTS.replace("to_m  = 310.0", "to_m  = 320.0")));
     let why = fine(&bench.magline(&["why", "spec.toml", "track"]));
     assert!(why.contains("level"), "{why}");

@@ -304,7 +304,7 @@ fn r10_what_cannot_be_is_refused_before_work() {
 #[test]
 fn r10_levelling_shifts_ties_and_leaves_level_lines_alone() {
     let bench = Bench::new();
-    // Ties 25 nT too high, and values of ties from 15 m beside where they are said to be.
+    // Ties are 25 nT too high, and their values come from positions 15 m off the recorded ones.
     points_of(&bench, |i, row| {
         if row[4] >= 100.0 {
             let beside = 15.0 * ((i / 7) as f64).sin();
@@ -329,7 +329,7 @@ fn r10_an_interrupt_ends_gridding_at_once_and_leaves_no_file() {
     let bench = Bench::new();
     points_of(&bench, |_, _| ());
     let args = [&GRID[..], &["5", "-o", "grid.parquet", "--cross-validate", "20", "--block", "0"]].concat();
-    // What started the tests may have set the signal to be ignored.
+    // The parent of the tests may have set the signal to be ignored.
     let mut running = std::process::Command::new("env")
         .args(["--default-signal=INT", env!("CARGO_BIN_EXE_magline")])
         .args(args)

@@ -205,7 +205,7 @@ fn val_what_is_chosen_is_what_explicit_formulas_choose() {
     for name in ["corner", "lines"] {
         assert!(table["lambda"].contains(&chosen(&bench, name)), "{name} {}", chosen(&bench, name));
     }
-    // What was chosen is what was fitted with.
+    // The chosen parameter is the one that the fit used.
     let again = format!("model = \"ridge\"\nlambda = {:?}", chosen(&bench, "gcv"));
     let given = small_case(&fit("given", "mag_4_uc", &again));
     run(&given);
@@ -409,7 +409,7 @@ fn law_errors_from_noise_are_as_large_as_predicted() {
     assert_eq!(values.len(), REPEATS * 18);
     let squares: Vec<f64> =
         values.iter().zip(&std).enumerate().map(|(i, (v, s))| ((v - AIRCRAFT[i % 18]) / s).powi(2)).collect();
-    // Each term by itself over all flights: chi-square of 240, of sigma 22; five sigma either way.
+    // Each term separately over all flights: chi-square of 240, of sigma 22; five sigma either way.
     for term in 0..18 {
         let sum: f64 = squares.iter().skip(term).step_by(18).sum();
         assert!((130.0..350.0).contains(&sum), "term {term}: {sum}");
@@ -487,7 +487,7 @@ fn law_points_that_differ_in_a_key_of_another_model_are_computed_once_and_each_i
     let clean = read(&bench.path("store/tables/small/clean"));
     let rows = |lambda: f64| numbers(&clean, "lambda").iter().filter(|l| **l == lambda).count();
     assert!(rows(0.1) > 0 && rows(0.1) == rows(1.0) && rows(0.1) == rows(10.0));
-    // All of it is there now, also what stands for another point.
+    // All results are now in the store, also the one shared with another point.
     let again = bench.run(&[]);
     assert_eq!((again.code, again.total("computed")), (0, 0), "{}", again.last);
     // And it has the same bytes with one thread, and grown in steps.

@@ -274,7 +274,7 @@ fn r10_a_map_at_another_height_has_an_error_to_expect() {
     let high = error(500.0, &[]);
     assert!((20.0..70.0).contains(&high), "{high}");
     assert!(error(320.0, &[]) < 0.25 * high);
-    // What remains of a continued map is the error of its edges.
+    // The remaining error of a continued map comes from its edges.
     let continued = error(500.0, &["--set", "track.map_levels_m=[300.0, 500.0, 700.0]"]);
     assert!((0.0..0.5 * high).contains(&continued), "{continued} {high}");
 }

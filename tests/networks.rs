@@ -306,7 +306,7 @@ fn user_a_network_of_one_aircraft_is_where_the_training_of_another_begins() {
     let (cold, warm) = (score("cold"), score("warm"));
     println!("std error of the second aircraft: cold {cold:.1} nT, from the first {warm:.1} nT");
     assert!(warm < 0.5 * cold, "{warm} {cold}");
-    // What it is made of shows, and what depends on it is computed again where it changes, and nothing else.
+    // The lineage lists its inputs. A changed input recomputes only the results that depend on it.
     let lineage = bench.magline(&["lineage", "transfer.warm", "--store", "store"]);
     assert!(
         stdout(&lineage).contains("value <- ") && stdout(&lineage).contains("taught.value"),
@@ -375,7 +375,7 @@ fn user_what_no_training_can_begin_with_is_refused() {
     assert!(unknown.contains("did you mean `network`?"), "{unknown}");
     let missing = said("model = \"m1\"\nwarm_start = \"flights\"");
     assert!(missing.contains("flights") && missing.contains("term"), "{missing}");
-    // What a table holds is known once it is there.
+    // The content of a table is known once it exists.
     for (keys, what) in [
         ("model = \"m1\"\nepochs = 1\nwarm_start = \"line\"", "is linear and has no weights"),
         (

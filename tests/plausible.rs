@@ -1,4 +1,4 @@
-//! What cannot be is an error that says what it probably is; what a sensor drops is missing and counted.
+//! An impossible value is an error with a likely cause. Samples that a sensor drops are missing and counted.
 
 use std::fs;
 
@@ -235,7 +235,7 @@ fn r10_spikes_infinities_and_dropouts_are_missing_and_counted() {
     assert!(numbers(&even, "mag_4_uc").iter().all(|x| (47_000.0..49_000.0).contains(x)));
     let output = bench.magline(&["sql", "SELECT sum(n) AS n FROM small.quality", "--format", "csv"]);
     assert_eq!(stdout(&output), "n\n406\n", "{}", stderr(&output));
-    // What is found is known from the store as well, and said in one line.
+    // The findings are known from the store as well, and reported in one line.
     let again = bench.magline(&["run", "spec.toml"]);
     assert!(stderr(&again).contains("data quality: 6 findings in 1 line; see the table `small.quality`"));
     assert_eq!(spelt(&quality(&bench)), spelt(&expected));

@@ -1,7 +1,7 @@
 //! A loss of power at any moment, and any bit that flips, cost no more than another run.
 //!
-//! A library that is preloaded into a run (`shim/power.c`) ends it before a chosen rename, link or fsync, and first drops
-//! whatever a disk may have dropped that was not told to keep it.
+//! A library that is preloaded into a run (`shim/power.c`) ends it before a chosen rename, link or fsync. It first
+//! drops all data that a disk may have dropped because it was not synced.
 #![cfg(target_os = "linux")]
 
 use std::{
@@ -68,12 +68,12 @@ const QUESTION: &str = "
     UNION ALL SELECT 'failures', count(*), sum(length(error)), sum(length(stage)) FROM small.failures
     ORDER BY name";
 
-/// What the second run of a store asks instead.
+/// Changed parameters of the second run of a store.
 const CHANGED: [&str; 2] = ["--set", "axes.lambda=[0.5]"];
 
 type Files = BTreeMap<String, Vec<u8>>;
 
-/// What a store shows: the files of its tables, and the answer to [`QUESTION`].
+/// Visible state of a store: the files of its tables, and the answer to [`QUESTION`].
 #[derive(PartialEq)]
 struct Shown {
     files: Files,
@@ -167,7 +167,7 @@ impl Scene {
         Shown { files: self.files(store), answer: self.ask(store).unwrap() }
     }
 
-    /// What is published after a loss: nothing, or one of `wholes` as a whole.
+    /// Checks the published files after a loss: none, or one of `wholes` as a whole.
     fn is_one_of(&self, store: &str, wholes: &[&Shown]) -> Result<(), String> {
         let (files, answer) = (self.files(store), self.ask(store));
         if files.is_empty() {
@@ -388,7 +388,7 @@ fn heals(scene: &Scene, whole: &Shown) -> Result<(), String> {
     let first = scene.run("store", &[]);
     // Older versions stay as they are until they are dropped.
     scene.dropped("store")?;
-    // What neither a run nor a question reads, and has the size and the time it had, is left to `verify`.
+    // Only `verify` checks files that neither a run nor a query reads, and whose size and time are unchanged.
     if first.is_err() || !asked()? || scene.verified("store").is_err() {
         scene.run("store", &[])?;
         scene.dropped("store")?;

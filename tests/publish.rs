@@ -212,7 +212,7 @@ fn user_inputs_that_are_not_included_are_named_by_their_hashes() {
     assert!(lock["stages"].as_array().unwrap().iter().all(|s| s["version"].is_u64() && s["key"].is_string()));
 }
 
-/// As the store's lineage names it.
+/// Hash in the lineage of the store.
 fn blake3_of(path: &Path) -> String {
     let folder = path.parent().unwrap().parent().unwrap();
     let output = crate::support::magline(folder, &["lineage", "small.even"]);
@@ -248,7 +248,7 @@ fn user_every_damage_to_a_set_is_found_and_named() {
         let at = bytes.len() / 2;
         bytes[at] ^= 1;
         fs::write(&path, &bytes).unwrap();
-        // A checksum that is altered is told of the file that it is of.
+        // An altered checksum is reported for its file.
         let told: &[&str] = if name == "SHA256SUMS" { &[] } else { &[name] };
         found(&format!("a flipped bit in {name}"), told);
         fs::write(&path, &original[name][..at]).unwrap();
@@ -332,7 +332,7 @@ fn user_a_folder_that_is_no_published_set_is_never_overwritten() {
     published(&bench, &["coefficients"], "set", &["--replace"]);
     assert!(bench.path("set/data/coefficients").exists() && !bench.path("set/data/scores").exists());
     assert_eq!(verify(&bench, "set").0, Some(0));
-    // Nothing is left beside it.
+    // No other file is left next to it.
     let hidden: Vec<String> = fs::read_dir(bench.folder.path())
         .unwrap()
         .flatten()
@@ -467,7 +467,7 @@ fn user_whole_tables_embargoes_and_maps_are_protected() {
     let (status, said) = code(&of(flights, "embargo = \"2999-01-01\""), "even", "c");
     assert!(status == Some(2) && said.contains("until 2999-01-01"), "{said}");
     assert_eq!(code(&of(flights, "embargo = \"2020-01-01\""), "even", "d").0, Some(0));
-    // What is looked up on a restricted map is of that map.
+    // Values from a restricted map are restricted.
     let map = "path = \"map.parquet\"";
     let (status, said) = code(&of(map, "restricted = true"), "track", "e");
     assert!(status == Some(2) && said.contains("anomaly.anomaly"), "{said}");

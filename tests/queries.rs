@@ -1,4 +1,4 @@
-//! What came out can be asked in SQL, and traced to its bytes.
+//! Results can be queried in SQL, and traced to their bytes.
 
 use arrow_schema::DataType;
 use serde_json::Value;
@@ -54,7 +54,7 @@ fn user_published_tables_have_the_axes_in_place_and_what_the_stage_made() {
     let schema = clean[0].schema();
     let names: Vec<&str> = schema.fields().iter().map(|f| f.name().as_str()).collect();
     assert_eq!(names[..6], ["mag", "vector", "lambda", "flight", "line", "tt"]);
-    // What passes through stays in the tables that made it.
+    // Passthrough columns stay in the tables that made them.
     assert_eq!(
         names[6..],
         ["mag_c", "mag_aircraft", "mag_sigma", "mag_fogm_sigma", "mag_fogm_tau", "mag_aircraft_sigma"]

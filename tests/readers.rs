@@ -1,5 +1,5 @@
-//! What files say, and what they only seem to say: units, missing values, damaged rows, midnight, and names that are
-//! patterns or pipes.
+//! Properties and pitfalls of files: units, missing values, damaged rows, midnight, and names that are patterns or
+//! pipes.
 
 use std::{
     fs,
@@ -168,7 +168,7 @@ fn r10_a_name_that_says_another_unit_than_its_column_is_refused() {
         let said = refused(&bench);
         let place = format!("1.csv, column `{own}`: ");
         assert!(said.contains(says) && said.contains(&place) && said.contains("units = {"), "{said}");
-        // What the user says settles it.
+        // A unit that the user gives takes precedence.
         let unit = if ours == "baro" { "m" } else { "nT" };
         bench.spec(&spec(&format!("{options}\nunits = {{ \"{own}\" = \"{unit}\" }}")));
         finished(&bench);

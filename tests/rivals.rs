@@ -98,7 +98,7 @@ fn user_trees_and_random_features_compensate_and_are_explained() {
                 GROUP BY \"group\" ORDER BY avg(value) DESC LIMIT 1";
     let answer = bench.magline(&["sql", "--store", "one", "--format", "csv", best]);
     assert!(answer.status.success() && stdout(&answer).lines().count() == 2, "{}{}", stdout(&answer), stderr(&answer));
-    // The axis stands for the column of its name, once.
+    // The axis replaces the column of its name, once.
     assert_eq!(weights[0].schema().fields().iter().filter(|field| field.name() == "method").count(), 1);
     let lists =
         "SELECT count(*) FROM small.weights WHERE sample_values IS NOT NULL AND array_length(sample_values) = 20";

@@ -143,7 +143,7 @@ fn user_until_computes_a_table_and_leaves_the_others_as_they_were() {
     let done = bench.run(&[]);
     assert_eq!(TABLES.map(|t| done.computed(t)), [0, 0, 8, 32, 32, 32]);
     assert_eq!(done.last["left"], serde_json::json!([]));
-    // What is up to date is published as always, and is not among those that are left.
+    // Up-to-date results are published as always, and are not listed as skipped.
     let before = bench.tables("store");
     let done = bench.run(&["--until", "even"]);
     assert_eq!((done.total("computed"), &done.last["left"]), (0, &serde_json::json!([])));
@@ -280,7 +280,7 @@ fn user_every_end_of_a_run_has_its_status_and_its_summary() {
 
 #[test]
 fn user_a_run_that_is_out_of_time_goes_on_the_next_time() {
-    // As many points as this machine does not do in a second.
+    // Number of points that this machine cannot compute in one second.
     let out_of_time = |points: &u32| {
         let bench = Bench::new();
         let lambdas: Vec<String> = (0..*points).map(|i| format!("{}", f64::from(i) * 1e-4)).collect();

@@ -194,7 +194,7 @@ fn user_prepared_statements_take_parameters() {
         let found = served.rows(client, info).unwrap();
         assert_eq!(found[0].column(0).as_any().downcast_ref::<Int64Array>().unwrap().value(0), rows, "{line}");
     }
-    // A text is a value, whatever it looks like.
+    // A text of any form is a value.
     statement.set_parameters(values(vec!["' OR '1' = '1"], -1.0)).unwrap();
     let info = served.runtime.block_on(statement.execute()).unwrap();
     assert_eq!(served.rows(client, info).unwrap()[0].column(0).as_primitive::<Int64Type>().value(0), 0);
@@ -273,7 +273,7 @@ fn user_a_query_sees_the_tables_of_one_moment() {
     let done = bench.run(&["--set", "axes.lambda=[0.0, 0.025, 0.25]"]);
     assert_eq!(done.code, 0, "{}", done.stderr);
     assert_eq!(served.count(client, query), 28_800, "what was published is seen");
-    // What was planned before is answered from what there was then, as often as it is asked for.
+    // An earlier plan is answered from the tables of that time, any number of times.
     for _ in 0..2 {
         let rows = served.rows(client, before.clone()).unwrap();
         assert_eq!(rows[0].column(0).as_primitive::<Int64Type>().value(0), 19_200);

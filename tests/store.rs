@@ -278,7 +278,7 @@ fn r11_tables_change_together_and_a_reader_keeps_what_it_opened() {
     let output = bench.magline(&["gc", "--store", "store", "--yes"]);
     assert!(output.status.success(), "{}", stderr(&output));
     assert!(!folder.join("scores").exists());
-    // What someone else put there stays, in the version that it was put into too.
+    // Foreign files stay, also in the version that they were put into.
     assert!(
         folder.join("clean/notes.txt").is_file() && stdout(&output).contains("magline did not write"),
         "{}",
@@ -455,7 +455,7 @@ fn r11_what_is_not_kept_is_made_again_with_the_same_answer() {
         );
     }
     assert!(!bench.path("lean/tables/small/even").exists());
-    // What passes through from there can be asked all the same.
+    // Passthrough columns from there can be queried all the same.
     let sum = |store: &str| {
         query(&bench, store, "SELECT sum(mag_4_uc) AS s, count(lon) AS n FROM small.clean WHERE flight = '2'")
     };

@@ -19,7 +19,7 @@ pub struct Bench {
     pub folder: TempDir,
 }
 
-/// What a run did, from its last JSON event.
+/// Outcome of a run, from its last JSON event.
 #[derive(Debug)]
 pub struct Done {
     pub code: i32,

@@ -1,4 +1,4 @@
-//! A run whose computing is done by other processes: the same bytes, each unit once, whatever happens to a worker.
+//! A run whose computing is done by other processes: the same bytes, each unit once, for any failure of a worker.
 
 use std::{
     collections::BTreeMap,
@@ -49,7 +49,7 @@ fn units(receipts: &[Value]) -> Vec<(String, String)> {
     all.map(|u| (text(u, "key"), text(u, "outcome"))).collect()
 }
 
-/// How often each unit had the outcome `outcome`.
+/// Number of times that each unit had the outcome `outcome`.
 fn times(receipts: &[Value], outcome: &str) -> BTreeMap<String, usize> {
     let mut found = BTreeMap::new();
     for (key, _) in units(receipts).into_iter().filter(|(_, o)| o == outcome) {
@@ -122,7 +122,7 @@ fn user_tasks_by_xargs_give_the_bytes_of_a_run_and_each_unit_once() {
     assert_eq!((last.code, last.total("computed"), last.total("reused")), (0, 0, local.total("computed")));
     same(&bench, "whole", "store");
     assert!(!bench.path("store/attempts").read_dir().unwrap().any(|_| true));
-    // What the tables do not reference is dropped, and they stay as they are.
+    // Unreferenced packs are dropped, and the tables stay unchanged.
     let before = packs(&bench, "store").len();
     assert!(bench.magline(&["gc", "--yes"]).status.success());
     assert!(packs(&bench, "store").len() < before);
@@ -199,7 +199,7 @@ fn user_a_worker_that_is_killed_costs_what_it_had_at_hand() {
             .current_dir(bench.folder.path())
             .spawn()
             .unwrap();
-        // As soon as it has begun or ended a unit, after a different time in each wave.
+        // A moment after it has begun or ended a unit, which differs in each wave.
         let started = Instant::now();
         let begun = || {
             let attempts = fs::read_dir(bench.path("store/attempts")).unwrap().count();
@@ -278,7 +278,7 @@ fn user_what_is_no_task_of_this_store_is_refused_and_the_others_are_computed() {
     refused(&changed(&|t| t["units"][0]["point"] = json!(9)), "no unit at point 9");
     refused(&changed(&|t| t["table"] = json!("evem")), "did you mean `even`");
     refused(&changed(&|t| t["plan"] = Value::Null), "has no plan");
-    // What is no task has no receipt.
+    // A line that is not a task has no receipt.
     assert!(refused(&lines[0][..lines[0].len() / 2], "the line is truncated").is_empty());
     assert!(refused("{\"event\": \"started\"}", "other JSON").is_empty());
     assert!(refused("even 1 1.01", "not JSON").is_empty());
@@ -341,7 +341,7 @@ columns  = ["mag_4_uc"]
 #[test]
 fn user_a_line_that_cannot_be_computed_is_the_same_failure_by_tasks() {
     let bench = Bench::new();
-    // Steps of 0.08 and 0.12 s by turns: one fit goes on without that line, the other has no line left.
+    // Steps alternate between 0.08 and 0.12 s: one fit skips that line, the other has no line left.
     let uneven = changed(&line_of("1", "1.02", 500), "tt", |i, tt| if i % 2 == 1 { tt + 0.02 } else { tt });
     write(&bench.path("flights/1.parquet"), &[line_of("1", "1.01", 700), uneven]);
     bench.spec(FITS);
@@ -352,7 +352,7 @@ fn user_a_line_that_cannot_be_computed_is_the_same_failure_by_tasks() {
         if lines.is_empty() {
             break;
         }
-        // What the data do not permit is an answer.
+        // A failure that the data cause is an answer.
         let output = task(&bench, "store", lines.join("\n").as_bytes(), &[]);
         assert!(output.status.success(), "{}", stderr(&output));
         let faults: Vec<Value> =
@@ -386,8 +386,8 @@ fn user_the_example_for_xargs_runs_a_spec_to_its_end() {
     same(&bench, "whole", "store");
 }
 
-/// Stands for Slurm's `sbatch`: runs a job's array one after another, after the jobs it depends on, and prints the job's
-/// number. It checks the options that the scripts use, and knows nothing else of Slurm.
+/// Replacement of Slurm's `sbatch`: runs a job's array one after another, after the jobs it depends on, and prints the
+/// job's number. It checks the options that the scripts use, and implements nothing else of Slurm.
 const SBATCH: &str = r#"#!/bin/bash
 set -e
 array=none parsable=no

@@ -89,7 +89,7 @@ fn r10_a_question_writes_nothing() {
     assert_eq!(over.status.code(), Some(2), "{}", stderr(&over));
     assert!(stderr(&over).contains("is in the store"), "{}", stderr(&over));
     assert!(before == everything(bench.folder.path()), "something was written");
-    // What asks is answered.
+    // Read-only statements are answered.
     for query in [
         "EXPLAIN ANALYZE SELECT count(*) FROM small.scores",
         "EXPLAIN SELECT 1",
@@ -191,7 +191,7 @@ fn r10_a_question_keeps_to_its_memory() {
     assert!(stderr(&output).contains("exceeds its memory limit of 200 MB"), "{}", stderr(&output));
     assert!(stderr(&output).contains("`--memory-limit`"), "{}", stderr(&output));
     assert!(peak < 700, "{peak} MB");
-    // What does not fit is sorted in pieces on the disk: 4,800,000 rows of 32 bytes.
+    // Rows that do not fit into memory are sorted in pieces on the disk: 4,800,000 rows of 32 bytes.
     let sort = "SELECT a.tt, b.tt AS other, a.mag_4_uc, b.mag_5_uc FROM small.even a CROSS JOIN (SELECT * FROM small.even LIMIT 2000) b ORDER BY a.tt * 7 % 11, b.tt * 5 % 13";
     let (peak, output) =
         peak_mb(&bench, &["sql", sort, "--format", "csv", "-o", "sorted.csv", "--memory-limit", "64MB"]);

@@ -1,8 +1,8 @@
 //! The version gate: when a stage's answer moves, its version has to.
 //!
-//! Each stage, and each model and filter, has, on the small flights of these tests, a fingerprint of what its example gives, rounded to seven
-//! significant digits, so that another processor's rounding does not count as a change.
-//! Metrics have theirs beside them, in `stages/src/score/metric.rs`.
+//! Each stage, model and filter has a fingerprint of its example's results on the small flights of these tests. The
+//! results are rounded to seven significant digits, so that another processor's rounding does not count as a change.
+//! Metrics have their fingerprints in their own definitions, in `stages/src/score/metric.rs`.
 
 use std::fmt::Write;
 
@@ -18,7 +18,7 @@ fn fingerprint(batches: &[RecordBatch]) -> String {
         let values = list.as_ref().unwrap_or(column);
         if let Some(numbers) = values.as_any().downcast_ref::<Float64Array>() {
             for x in numbers.values() {
-                // What is zero but for rounding has no digits to compare.
+                // A value that is zero except for rounding has no digits to compare.
                 let x = if x.abs() < 1e-7 { 0.0 } else { *x };
                 hasher.update(format!("{x:.6e}").as_bytes());
             }

@@ -1,5 +1,5 @@
-//! What is not to be trusted says so: in the terminal, in the report, as JSON and as a table; and what a command says of
-//! its progress.
+//! Untrustworthy results are flagged: in the terminal, in the report, as JSON and as a table. Commands report their
+//! progress.
 
 use serde_json::Value;
 
@@ -104,7 +104,7 @@ fn r10_json_carries_warnings_notes_scores_time_version_and_run() {
     assert_eq!((scores[0]["marked"].as_u64(), scores[0]["lines"].as_u64()), (Some(4), Some(4)));
     assert!(scores[0]["metrics"]["drms"].as_f64().unwrap() > scores[0]["metrics"]["ins_drms"].as_f64().unwrap());
 
-    // What is asked and of what is the same, whatever is in the store and however it is written down.
+    // The same request has the same identifier, for any state of the store and any form of the spec.
     let run = |bench: &Bench| bench.run(&[]).last["run"].clone();
     assert_eq!(run(&bench), last["run"]);
     bench.spec(&format!("# a comment\n{}", diverging()));
@@ -162,7 +162,7 @@ input = "scores"
     let report = bench.magline(&["report", "spec.toml", "-o", "report.html"]);
     assert!(report.status.success(), "{}", stderr(&report));
     let page = std::fs::read_to_string(bench.path("report.html")).unwrap();
-    // Three axes make eight points, and no table has the fourth one beside them.
+    // Three axes make eight points, and no table has the fourth axis as a further column.
     assert!(page.contains("<strong>8</strong>sweep points"), "{}", &page[page.find("<header>").unwrap()..][..600]);
     assert!(page.contains("id=\"summary-pooled\"") && page.contains("class=\"intervals\""));
     let drms = page.split("drms: pooled values with their intervals").nth(1).unwrap();
@@ -197,7 +197,7 @@ fn r10_quiet_says_nothing_and_errors_still() {
     let output = bench.magline(&["run", "spec.toml", "--quiet"]);
     assert_eq!((output.status.code(), stdout(&output)), (Some(0), String::new()));
     assert!(stderr(&output).lines().all(|l| l.starts_with("warning: ") && l.contains("small.warnings")));
-    // What is not to be trusted is said in one line.
+    // Untrustworthy results are reported in one line.
     bench.spec(&diverging());
     let err = stderr(&bench.magline(&["run", "spec.toml", "--quiet"]));
     assert_eq!(err.lines().count(), 1, "{err}");

@@ -114,7 +114,7 @@ fn write_points(path: &Path, bytes: u64) -> Result<usize, Box<dyn Error>> {
 /// Megabytes in a second, of the clock's time and of this thread's: the best of some runs.
 struct Speed {
     wall: f64,
-    /// Of use where the machine is shared; only of what this thread does itself.
+    /// Processor time of this thread, s, for a shared machine.
     thread: f64,
 }
 

@@ -37,7 +37,7 @@ pub fn limit_memory(bytes: usize) -> Result<(), Fault> {
     setrlimit(Resource::RLIMIT_DATA, most, hard).map_err(refused)
 }
 
-/// The bytes of memory that a process uses by itself, without those of files.
+/// Private memory of a process in bytes, without that of files.
 pub fn used(process: u32) -> Option<usize> {
     bytes_of(&process.to_string(), "RssAnon:")
 }

@@ -9,8 +9,8 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error};
 #[derive(Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Key([u8; 16]);
 
-/// What the last bits of results depend on beside inputs, version and parameters: the hash of
-/// [`arithmetic::probe`] on this machine. It is a part of the key of everything that is computed.
+/// Hash of [`arithmetic::probe`] on this machine, a part of the key of every result. The last bits of results depend on
+/// it as well as on inputs, version and parameters.
 pub static ARITHMETIC: LazyLock<Key> =
     LazyLock::new(|| Key::of(arithmetic::probe().iter().map(|x| x.to_bits().to_le_bytes())));
 

@@ -18,7 +18,7 @@ use datafusion::{
 use expressions::{deep, parse, physical, schema_of};
 use schemas::{Fault, Shape};
 
-/// What a fault calls the predicate.
+/// Name of the predicate in a fault.
 const SUBJECT: &str = "`where`";
 
 /// A `where` that has been checked against the columns it sees.

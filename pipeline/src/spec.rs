@@ -50,7 +50,7 @@ pub struct Spec {
     pub axes: Vec<Axis>,
     /// The positions of the axes that are searched: each of their values belongs to the same one of the others.
     pub searched: Range<usize>,
-    /// What is searched, and how.
+    /// Search of the spec.
     pub search: Option<Search>,
     /// The trials whose values the axes that are searched have.
     pub trials: Vec<Row>,
@@ -74,7 +74,7 @@ pub struct SourceDecl {
     pub at: Span,
     /// Its path, and where that stands.
     pub path: (String, Span),
-    /// What must not be published of it.
+    /// Restrictions on publishing.
     pub protection: Protection,
     /// Everything else that was said of it.
     pub options: Args,
@@ -289,7 +289,7 @@ impl Reading {
                 }
             });
             return found.unwrap_or_else(|fault| {
-                // What stands there may be a password, and is not shown.
+                // The value may be a password, and is not shown.
                 self.faults.push(if store.contains('@') { fault } else { fault.at(at) });
                 ("store".into(), None)
             });

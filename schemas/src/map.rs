@@ -93,7 +93,8 @@ pub fn yields(unit: &str, reads: Vec<Vec<String>>) -> Yield {
 /// The columns of a map on its native grid, in the unit of its coordinate system.
 pub const OWN_COLUMNS: [&str; 4] = ["northing", "easting", "alt", "anomaly"];
 
-/// Metadata of the fields `northing` and `easting` of a map on its native grid, besides unit, role and description.
+/// Metadata of the fields `northing` and `easting` of a map on its native grid, in addition to unit, role and
+/// description.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OwnGrid {
     /// The EPSG code of the coordinate system.

@@ -76,7 +76,7 @@ fn user_each_damaged_file_of_a_store_is_named() {
         put(&damaged);
         let output = verify();
         assert_eq!(output.status.code(), Some(1), "{} byte {at}: {}", file.display(), stdout(&output));
-        // What was set aside or written anew is put back.
+        // Files that were moved aside or rewritten are restored.
         fs::remove_file(file).ok();
         let aside = bench.path("store/damaged").join(file.file_name().unwrap());
         if aside.exists() {
@@ -166,7 +166,7 @@ fn user_a_file_size_limit_is_an_error_and_no_silent_end() {
 #[test]
 fn user_a_store_that_cannot_be_written_is_listed_queried_and_verified() {
     let bench = ran();
-    // As root, permissions do not count: a folder that is a file cannot be made either.
+    // Root ignores permissions, but a folder that is a file cannot be made either.
     fs::remove_dir_all(bench.path("store/tmp")).unwrap();
     fs::write(bench.path("store/tmp"), "").unwrap();
     for command in [
@@ -210,7 +210,7 @@ fn user_links_in_a_store_lead_to_nothing_that_is_written_or_removed() {
     };
     old("home/docs");
     old("home/2024");
-    // The place of the link, its target, and whether a run goes on.
+    // The place of the link, its target, and whether a run succeeds.
     for (at, target, runs) in [
         ("damaged", "home", false),
         ("tmp", "home", false),

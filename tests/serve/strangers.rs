@@ -17,7 +17,7 @@ fn user_only_who_knows_the_token_is_answered() {
     is_refused(&mut client);
     client.set_token(TOKEN.to_owned());
     assert!(served.count(&mut client, one) > 0);
-    // As the password of any user, which a handshake turns into the token.
+    // The token is also the password of any user; the handshake returns it.
     let mut client = served.client();
     assert!(served.runtime.block_on(client.handshake("anyone", "wrong password")).is_err());
     is_refused(&mut client);

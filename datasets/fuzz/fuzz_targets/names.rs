@@ -4,7 +4,7 @@ use std::path::{Component, Path};
 
 use schemas::{one_line, paths, visible};
 
-// What passes stays in its folder, and what a terminal obeys is never shown as it is.
+// An accepted name stays in its folder, and terminal control characters are never shown unescaped.
 libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
     let text = String::from_utf8_lossy(bytes);
     let root = Path::new("/store/versions");

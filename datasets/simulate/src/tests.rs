@@ -249,7 +249,7 @@ fn law_a_scalar_reads_the_magnitude_of_the_vector_sum() {
 
 #[test]
 fn law_the_ins_navigates_by_its_own_measurements() {
-    // What the INS says of its velocity and position follows from the specific force it says it measured.
+    // The velocity and position of the INS follow from its measured specific force.
     const ROWS: usize = 1200;
     for line in lines(&example()) {
         let c = |n: &str| column(&line, n);
@@ -423,7 +423,7 @@ fn unit_another_program_that_writes_into_the_folder_is_left_alone() {
     let path = written(&folder, &spec_text("", SHORT));
     let to = folder.path().join("out");
     fs::create_dir(&to).unwrap();
-    // What another one has written so far, of the same flight.
+    // A partial file of another process, of the same flight.
     let other = to.join(".A.parquet.partial");
     fs::write(&other, b"half").unwrap();
     synthesise(&path, &to).unwrap();

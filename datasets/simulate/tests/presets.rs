@@ -39,7 +39,7 @@ fn ref_tolles_lawson_on_the_cessna_leaves_what_it_left_in_table_2_3() {
         }
         let (raw, left) = (rms(&raw), rms(&left));
         println!("{mag}: {raw:.1} nT, compensated {left:.1} nT; published {raw_nt} and {left_nt}");
-        // What is drawn (landings, switches) differs from flight to flight by as much as in Table 3.3, 30 to 125 nT.
+        // Random events (landings, switches) differ from flight to flight by as much as in Table 3.3, 30 to 125 nT.
         assert!((0.5..2.0).contains(&(raw / raw_nt)), "{mag}: {raw}");
         assert!((0.45..2.2).contains(&(left / left_nt)), "{mag}: {left}");
         assert!(left > before, "{mag}: 1 < 5 < 4 < 3 < 2");
@@ -49,7 +49,7 @@ fn ref_tolles_lawson_on_the_cessna_leaves_what_it_left_in_table_2_3() {
 
 #[test]
 fn ref_core_field_tolles_lawson_improves_the_drone_as_in_table_4_2() {
-    // What is drawn for a flight moves its ratio by a factor of two: the middle of seven flights is compared.
+    // The random values of a flight change its ratio by a factor of two: the median of seven flights is compared.
     let flights = seeds(&spec("drone"), 1..=7).unwrap();
     // Thesis 004, Tables 4.1 to 4.3: means of the uncompensated standard deviations and of the improvement ratios.
     let published = [

@@ -42,7 +42,7 @@ struct Spelt {
     /// Those before and after the point; right up to 19 of them.
     digits: u64,
     count: usize,
-    /// Of ten.
+    /// Exponent of ten.
     exponent: i64,
     /// The position after it.
     end: usize,
@@ -70,7 +70,7 @@ fn spelt(text: &[u8], start: usize) -> Option<Spelt> {
         if after == first {
             return None;
         }
-        // A larger power is not exact, whatever the digits.
+        // A larger power is not exact for any digits.
         let power = if after - first > 9 { i64::from(u32::MAX) } else { power as i64 };
         exponent += if sign == Some(&b'-') { -power } else { power };
         end = after;

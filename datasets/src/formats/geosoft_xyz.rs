@@ -96,7 +96,7 @@ fn words(text: &str) -> Vec<String> {
     }
 }
 
-/// What the first pass finds.
+/// Result of the first pass.
 #[derive(Default)]
 struct Found {
     names: Vec<String>,
@@ -256,7 +256,7 @@ fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadEr
     Ok(Raw { notes, line_types, ..Raw::new(schema, Box::new(rows)) })
 }
 
-/// What the records say of the rows after them.
+/// Values from the records for the rows after them.
 #[derive(Clone, Default)]
 struct Now {
     flight: String,

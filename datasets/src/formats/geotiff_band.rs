@@ -187,7 +187,7 @@ impl Samples {
     fn numbers(self, path: &Path, no_data: Option<&str>) -> Result<Vec<f64>, ReadError> {
         let text = no_data.map(|t| t.trim_matches(['\0', ' ', '\n', '\r', '\t'])).filter(|t| !t.is_empty());
         let one = |text: &str| {
-            // As C prints a NaN on Windows.
+            // NaN as printed by C on Windows.
             if text.contains("#IND") || text.contains("#QNAN") {
                 return Ok(f64::NAN);
             }

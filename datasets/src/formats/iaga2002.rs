@@ -129,7 +129,7 @@ impl Kind {
         match self {
             Kind::Xyz(_) => false,
             Kind::Hez(_) => true,
-            // Of unknown data, D may be either.
+            // With unknown data, D may be either.
             Kind::Hdz(_) | Kind::Dif(_) => relative != Some(false),
         }
     }

@@ -62,8 +62,8 @@ pub(super) fn unknown(words: &[&str]) -> String {
     format!("`{}` is not a line record: a record is one of {}, and a name", words.join(" "), known.join(", "))
 }
 
-/// The names of the lines of a file. A line that is not of the type `Line`, and has the number of a line of another type,
-/// gets the letter of its type in front: `Tie 10` is T10 beside `Line 10`.
+/// The names of the lines of a file. A line has the letter of its type in front if it is not of the type `Line` and has
+/// the number of a line of another type. For example, `Tie 10` is named T10 in a file with `Line 10`.
 #[derive(Debug, Default)]
 pub(super) struct Names {
     types: BTreeMap<String, BTreeSet<LineType>>,

@@ -344,7 +344,7 @@ mod tests {
             ["flux_a_x", "flux_a_y", "flux_a_z"].map(|n| numbers(&flight, n)[0]),
             [11_815.0, 24_246.0, -20_435.0]
         );
-        // As the sentence has it: 301.4 m above the sea, the geoid 24.1 m above the ellipsoid.
+        // The sentence gives 301.4 m above the sea, with the geoid 24.1 m above the ellipsoid.
         let alt = numbers(&flight, "alt");
         assert!(alt[0].is_nan() && (alt[1] - 325.5).abs() < 1e-9, "{alt:?}");
         let year = flight.column_by_name("doy").unwrap();

@@ -297,7 +297,7 @@ impl Head<'_> {
             return vec![];
         }
         let names = hdf5::Hdf5::open(self.path).map(|f| f.names().to_vec()).unwrap_or_default();
-        // A format is known by its own names too, whatever the options rename.
+        // The original names also identify a format, even if the options rename them.
         names.iter().flat_map(|n| [n.clone(), self.renamed(n).to_owned()]).collect()
     }
 
@@ -337,7 +337,7 @@ pub type SayMadeFrom = fn(&Path) -> Result<MadeFrom, ReadError>;
 pub struct FlightFormat {
     /// The name for [`FlightOptions::format`].
     pub name: &'static str,
-    /// What it is, in a few words.
+    /// Short description.
     pub about: &'static str,
     /// Its file extensions.
     pub extensions: &'static [&'static str],
@@ -362,7 +362,7 @@ type Write = fn(&AnomalyGrid, &mut output::Outputs) -> Result<(), ReadError>;
 pub struct MapFormat {
     /// The name for [`MapOptions::format`].
     pub name: &'static str,
-    /// What it is, in a few words.
+    /// Short description.
     pub about: &'static str,
     /// Its file extensions.
     pub extensions: &'static [&'static str],
@@ -491,7 +491,7 @@ pub fn read_map(path: &Path, options: &MapOptions) -> Result<MapTable, ReadError
     read_grid(path, options)?.to_geographic()
 }
 
-/// Reads a map on its own grid, whatever its coordinates are: rows from the south, columns from the west, nT.
+/// Reads a map on its native grid, for any coordinates: rows from the south, columns from the west, nT.
 ///
 /// # Errors
 /// Fails as [`read_map`].

@@ -1,4 +1,4 @@
-//! Options for reading files: the keys of a table of a spec, besides its path.
+//! Options for reading files: the keys of a table of a spec, except its path.
 
 use std::{collections::BTreeMap, path::Path};
 

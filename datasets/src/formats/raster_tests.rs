@@ -171,7 +171,7 @@ fn unit_side_files_are_applied_and_never_to_another_file() {
     assert_eq!(map_files(&path).unwrap(), [path.clone(), aux.clone()]);
     let fault = write_grid(&path, &map, None).unwrap_err().to_string();
     assert!(fault.contains("m.tif.aux.xml` belongs to an earlier file"), "{fault}");
-    // What contradicts the file itself is refused.
+    // Options that contradict the file are rejected.
     fs::write(&path, tiff(&[image.clone().text(42112, SCALED)])).unwrap();
     let fault = read_grid(&path, &MapOptions::default()).unwrap_err().to_string();
     assert!(fault.contains("has 2 as scale or offset, but the file itself has 0.5"), "{fault}");

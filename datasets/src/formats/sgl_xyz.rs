@@ -71,9 +71,9 @@ fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadEr
 
 /// A column of the file.
 struct Column {
-    /// As the header spells it.
+    /// Name in the header.
     header: String,
-    /// What the surveys mean by that.
+    /// Meaning in the surveys.
     meant: String,
     named: Named,
 }
@@ -84,7 +84,7 @@ struct Row {
     text: String,
     /// Where each word begins and ends.
     words: Vec<(usize, usize)>,
-    /// Of the file, from 1.
+    /// Line of the file, from 1.
     text_line: u64,
 }
 

@@ -302,7 +302,7 @@ fn gold_what_is_wrong_with_a_csv_is_said_with_its_place() {
     fs::write(&path, b"flight,line,tt\n1,1,\xff\n").unwrap();
     let fault = read(&path, &FlightOptions::default()).unwrap_err().to_string();
     assert!(fault.contains("row 0: is not UTF-8 text"), "{fault}");
-    // As spreadsheets of other countries and systems save it.
+    // Files as spreadsheets of other countries and systems save them.
     for (bytes, said) in [
         (b"flight;line;tt\n1;1;0,5\n".to_vec(), "its columns are separated by semicolons, not by commas"),
         (b"flight\tline\ttt\n1\t1\t0.5\n".to_vec(), "its columns are separated by tabs, not by commas"),

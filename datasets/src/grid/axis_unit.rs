@@ -114,12 +114,12 @@ impl AxisUnit {
     pub(crate) fn of(text: &str) -> Option<AxisUnit> {
         let (_, inside) = bracketed(text).unwrap_or(("", ""));
         if let Some(unit) = Some(inside).filter(|t| !t.is_empty()).and_then(AxisUnit::of) {
-            // As GMT writes it: `longitude [degrees_east]`.
+            // Unit in the form of GMT: `longitude [degrees_east]`.
             return Some(unit);
         }
         let name = plain(text);
         if let Some((count, unit)) = name.split_once(' ').and_then(|(n, u)| Some((n.parse::<f64>().ok()?, u))) {
-            // As NetCDF writes a foot: `0.3048 m`.
+            // Foot in the form of NetCDF: `0.3048 m`.
             let scaled = |unit: AxisUnit| match unit {
                 AxisUnit::Angle(deg) => AxisUnit::Angle(count * deg),
                 AxisUnit::Length(_, m) => AxisUnit::Length(text.trim().to_owned(), count * m),

@@ -5,7 +5,7 @@ use maud::{Markup, html};
 use super::ticks::{self, Tick};
 
 const WIDTH: f64 = 940.0;
-/// The width of one that stands beside another, with letters of the same size.
+/// Width of a chart in a row of two, with letters of the same size.
 const HALF: f64 = 466.0;
 const LEFT: f64 = 64.0;
 const RIGHT: f64 = 14.0;
@@ -78,7 +78,7 @@ pub struct Chart {
     pub marks: Vec<(String, f64, f64)>,
     /// Height of the picture.
     pub height: f64,
-    /// Whether it is half as wide, to stand beside another.
+    /// Whether it is half as wide, for a row of two.
     pub half: bool,
 }
 

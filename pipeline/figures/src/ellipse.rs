@@ -1,6 +1,6 @@
 //! The error ellipse of a position.
 
-/// The region of a horizontal position within so many sigma.
+/// Region of a horizontal position, with a scale of `sigmas` standard deviations.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ellipse {
     /// The longer semi-axis, m.
@@ -12,13 +12,13 @@ pub struct Ellipse {
 }
 
 impl Ellipse {
-    /// Of the standard deviations north and east, m, and their covariance, m²: the offsets e with e' P⁻¹ e at most the
-    /// square of `sigmas`. `None` where one is not known, or they are no covariance.
+    /// Ellipse from the standard deviations north and east, m, and their covariance, m²: the offsets e with e' P⁻¹ e at
+    /// most the square of `sigmas`. `None` where one is unknown, or they are not a covariance.
     pub fn new(sd_n: f64, sd_e: f64, cov_ne: f64, sigmas: f64) -> Option<Ellipse> {
         let (nn, ee) = (sd_n * sd_n, sd_e * sd_e);
         let root = (0.5 * (nn - ee)).hypot(cov_ne);
         let (large, small) = (0.5 * (nn + ee) + root, 0.5 * (nn + ee) - root);
-        // A correlation of one is kept, whatever rounding makes of it.
+        // A correlation of one is kept despite rounding.
         let known = large.is_finite() && large > 0.0 && small >= -1e-9 * large;
         let azimuth_deg = (0.5 * (2.0 * cov_ne).atan2(nn - ee)).to_degrees().rem_euclid(180.0);
         known.then(|| Ellipse { major_m: sigmas * large.sqrt(), minor_m: sigmas * small.max(0.0).sqrt(), azimuth_deg })

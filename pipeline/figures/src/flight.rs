@@ -30,7 +30,7 @@ pub struct FlightPart {
 pub struct TimePanel<'a> {
     /// Quantity and unit.
     pub label: &'a str,
-    /// Of an angle a full turn: a line is broken where it steps by more than half of it.
+    /// Full turn of an angle: a line is broken where it steps by more than half of it.
     pub turn: Option<f64>,
     /// Name, colour and values of each, as many as times; NaN breaks a line. One alone needs no name.
     pub lines: Vec<(&'a str, [u8; 3], &'a [f64])>,

@@ -14,7 +14,7 @@ use super::{
 pub struct EarthArea {
     /// Its name.
     pub name: String,
-    /// What is said of it where it is clicked on.
+    /// Text that a click shows.
     pub about: String,
     /// Latitudes of its corners, degrees, counterclockwise; the first is not repeated.
     pub lat_deg: Vec<f64>,

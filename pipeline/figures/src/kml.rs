@@ -44,7 +44,7 @@ pub struct EarthTrack<'a> {
 pub struct Kml {
     /// The document.
     pub document: String,
-    /// Name and bytes of each picture, which belong beside the document.
+    /// Name and bytes of each picture; the files belong next to the document.
     pub files: Vec<(String, Vec<u8>)>,
 }
 

@@ -56,7 +56,7 @@ pub enum Plane {
 /// A map to draw.
 #[derive(Clone, Copy, Debug)]
 pub struct MapPicture<'a> {
-    /// Longitudes or eastings of the columns. A map over the date line goes on past 180 degrees.
+    /// Longitudes or eastings of the columns. A map over the date line continues past 180 degrees.
     pub x: EvenAxis,
     /// Latitudes or northings of the rows.
     pub y: EvenAxis,

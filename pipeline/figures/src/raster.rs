@@ -13,8 +13,8 @@ use super::{
 /// The maximum number of pixels of a picture in each direction.
 const MOST: usize = 720;
 
-/// Colours of the scale, and the strengths of light that each is drawn in: a picture has 256 colours, and one more stands for
-/// unknown cells.
+/// Number of colours of the scale, and of light strengths for each. A picture has 256 colours, and one further colour
+/// marks unknown cells.
 const COLOURS: usize = 42;
 const LIGHTS: usize = 6;
 /// The weakest and the strongest light, of which level ground has 1.

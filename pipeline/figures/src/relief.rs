@@ -21,7 +21,7 @@ impl Default for Shade {
     }
 }
 
-/// The part of the slopes that are less steep than the one taken for 45 degrees.
+/// Share of the slopes that are less steep than the one that is drawn as 45 degrees.
 const GENTLE: f64 = 0.9;
 
 /// The light on each node of `sheet` against that on level ground, which has 1 (so have unknown nodes). `ground` is the

@@ -1,4 +1,5 @@
-//! What `magline run` publishes opens as a lazy frame. Takes the binary that a build of magline left in `target/debug`.
+//! A table that `magline run` publishes opens as a lazy frame. The test uses the binary that a build of magline left in
+//! `target/debug`.
 
 use std::{path::Path, process::Command};
 

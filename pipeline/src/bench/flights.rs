@@ -92,7 +92,7 @@ pub fn open(path: &Path) -> Result<Vec<Flight>, Fault> {
 
 /// Whether an entrant may see a column of the test flight.
 fn is_open(field: &arrow_schema::Field) -> bool {
-    /// What only the truth gives, whatever its role.
+    /// Columns that only the truth gives, for any role.
     const HIDDEN: [&str; 4] = ["roll_rate", "pitch_rate", "yaw_rate", "igrf"];
     describe_field(field).role != Role::Truth && !HIDDEN.contains(&field.name().as_str())
 }

@@ -66,7 +66,7 @@ pub struct Task {
     pub naive: &'static [&'static str],
     /// How it is measured.
     pub measure: Measure,
-    /// What is asked for, and what may be used.
+    /// Task and permitted inputs.
     pub about: &'static str,
 }
 
@@ -118,7 +118,7 @@ pub const TASKS: [Task; 8] = [
 pub struct Score {
     /// The task.
     pub task: &'static str,
-    /// What was predicted: the columns, joined by `+`.
+    /// Predicted columns, joined by `+`.
     pub column: String,
     /// The line; `None` for all lines together.
     pub line: Option<String>,

@@ -16,7 +16,7 @@ use schemas::Fault;
 
 use super::{Flight, Measure, TASKS, Task, shown};
 
-/// Time stamps are told apart to the millisecond.
+/// Resolution of time stamps: one millisecond.
 const TICKS_PER_S: f64 = 1000.0;
 
 /// The samples of a line by their times, in ticks.

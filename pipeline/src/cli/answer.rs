@@ -164,7 +164,7 @@ impl Sink for Answer {
     }
 
     fn keeps(&self, batch: &RecordBatch) -> usize {
-        /// A cell as text in a table of texts, beside its value.
+        /// Memory of a cell as text in a table of texts, in addition to its value.
         const CELL: usize = 160;
         let bytes =
             |c: &Arc<dyn Array>| c.to_data().get_slice_memory_size().unwrap_or_else(|_| c.get_array_memory_size());

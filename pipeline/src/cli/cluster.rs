@@ -103,7 +103,7 @@ registers again. After SIGTERM or Ctrl-C it finishes its current units and ends.
 1 the scheduler cannot connect to the worker, or a port is not available; 2 the scheduler has another version or key, \
 or there is no key. pipeline/CLUSTER.md describes all failures.";
 
-/// What Ballista says: warnings, or what the variable RUST_LOG asks for.
+/// Sets the log of Ballista: warnings, or the levels of the variable RUST_LOG.
 fn log() {
     let mut log = env_logger::Builder::new();
     log.filter_level(LevelFilter::Warn).parse_env("RUST_LOG");
@@ -117,7 +117,7 @@ fn is_loopback(host: &str) -> bool {
     host == "localhost" || host.parse::<IpAddr>().is_ok_and(|ip| ip.is_loopback())
 }
 
-/// Serves as the scheduler of a cluster, until it is told to stop.
+/// Serves as the scheduler of a cluster until a stop signal arrives.
 ///
 /// # Errors
 /// Fails when the address cannot be listened on.
@@ -136,7 +136,7 @@ pub fn scheduler(args: &SchedulerArgs) -> Result<(), Stop> {
     Ok(listening.serve()?)
 }
 
-/// Computes what a scheduler hands out, until it is told to stop.
+/// Computes the tasks of a scheduler until a stop signal arrives.
 ///
 /// # Errors
 /// Fails when the scheduler is another version or cannot reach this worker.

@@ -11,7 +11,7 @@ use crate::run;
 /// The port of a scheduler that is named without one.
 const PORT: u16 = 50050;
 
-/// What computes a run, and its limits.
+/// Engine of a run, and its limits.
 #[derive(Args)]
 pub struct EngineArgs {
     /// The engine. `local` computes in threads of this process. `processes` computes in processes of one thread each: a
@@ -40,7 +40,7 @@ pub struct EngineArgs {
     insecure_loopback: bool,
 }
 
-/// What computes a run.
+/// Name of an engine.
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum EngineName {
     /// The threads of this process.
@@ -85,7 +85,7 @@ pub fn scheduler(text: &str) -> Result<(String, u16), String> {
         .map_err(|_| format!("`{text}` is not the address of a scheduler: write HOST:PORT"))
 }
 
-/// The engine that was asked for, of so many threads or processes.
+/// The requested engine, with `threads` threads or processes.
 pub fn engine(args: &EngineArgs, threads: Option<usize>) -> Result<Box<dyn run::Engine>, Stop> {
     let unit_timeout = args.unit_timeout;
     match &args.engine {

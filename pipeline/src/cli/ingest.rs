@@ -148,12 +148,12 @@ pub fn run(args: &IngestArgs) -> Result<(), Stop> {
     drop(progress);
     drop(lock);
     drop(unfinished);
-    // It stays where another process is at work in it.
+    // The folder stays where another process uses it.
     let _ = fs::remove_dir(&hidden);
     told(args, &works, &results, &divided)
 }
 
-/// A folder for unfinished files, with the lock that says that this process is at work in it.
+/// Makes a folder for unfinished files, with the lock that shows that this process uses it.
 fn working_folder(hidden: &Path) -> std::io::Result<(PathBuf, fs::File)> {
     const TRIALS: usize = 100;
     let mut last = std::io::Error::other("no unused folder name");
@@ -352,7 +352,7 @@ fn summary(work: &Work, exported: &Exported) -> String {
     text
 }
 
-/// Whether a figure is told on the terminal: what is not as it should be, and what a magnetometer is like.
+/// Whether a figure is shown on the terminal: irregularities, and the properties of magnetometers.
 fn is_told(measure: &Measure) -> bool {
     match measure.check {
         Figure::Rate | Figure::Jitter | Figure::Midnight => false,
@@ -377,7 +377,7 @@ fn is_told(measure: &Measure) -> bool {
     }
 }
 
-/// The figures of all lines that are told.
+/// The shown figures of all lines.
 fn quality(works: &[Work], results: &[Result<Exported, Fault>]) -> String {
     /// Rows of the table on the terminal.
     const SHOWN: usize = 60;

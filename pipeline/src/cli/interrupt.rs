@@ -52,7 +52,7 @@ pub fn stop(status: u8, said: &str) {
     }
 }
 
-/// What is done before a process ends at once, with its exit status.
+/// Action before an interrupt ends the process at once, with its exit status.
 type Last = Box<dyn FnOnce(u8) + Send>;
 
 static LAST: Mutex<Option<Last>> = Mutex::new(None);

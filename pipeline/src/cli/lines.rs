@@ -44,7 +44,7 @@ pub struct LineArgs {
 pub struct Log<'a> {
     /// The file.
     pub input: &'a Path,
-    /// What its columns mean.
+    /// Meaning of its columns.
     pub mapped: Option<&'a Mapped>,
 }
 
@@ -63,7 +63,7 @@ impl Lines {
         self.table.as_ref()
     }
 
-    /// What is wrong with it: lines without a sample.
+    /// Fault of the table: lines without a sample.
     pub fn check<'a>(&self, written: impl Iterator<Item = (&'a str, &'a str)>) -> Option<Fault> {
         self.table.as_ref().and_then(|table| table.check(written).err())
     }

@@ -144,12 +144,12 @@ impl ThreadArgs {
     }
 }
 
-/// What is wrong with a map or with what is asked of it.
+/// Fault of a map or of a request for it.
 fn wrong(path: &Path, e: &dyn std::fmt::Display) -> Stop {
     Stop::from(Fault::new(e.to_string()).in_file(&path.display().to_string()))
 }
 
-/// What a stage says of a file's data, which the user named.
+/// Fault of a stage in the data of a file that the user named.
 fn of_file(path: &Path, fault: Fault) -> Stop {
     Stop::from(fault.in_file(&path.display().to_string()))
 }

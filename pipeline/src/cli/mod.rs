@@ -240,7 +240,7 @@ enum Stop {
     Wrong(String),
     /// Something failed while running.
     Failed(String),
-    /// Another run of the pipeline is at work; nothing was run.
+    /// Another run holds the lock of the pipeline; nothing was run.
     Locked(String),
     /// The limit of time is over.
     OutOfTime,

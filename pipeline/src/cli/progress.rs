@@ -80,7 +80,7 @@ impl Progress {
         self.change(|state, _| (state.done, state.all) = (done, all));
     }
 
-    /// What the parts are called (`lines`), and which one it is at.
+    /// Sets the name of the parts (`lines`) and the current part.
     pub fn detail(&self, parts: &str, at: &str) {
         self.change(|state, _| (state.parts, state.at) = (parts.to_owned(), at.to_owned()));
     }
@@ -143,7 +143,7 @@ fn style(measured: bool) -> ProgressStyle {
 /// The current stage and its start. It does not read a clock: the time since the beginning is an argument.
 #[derive(Debug, Default)]
 struct State {
-    /// What stands before each stage.
+    /// Prefix of each stage.
     within: String,
     what: String,
     begun: Duration,

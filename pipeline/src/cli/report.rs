@@ -26,7 +26,7 @@ pub struct ReportArgs {
     line: Vec<String>,
 }
 
-/// What is written.
+/// Form of the output.
 enum Form {
     Page,
     Kml,

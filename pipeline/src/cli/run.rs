@@ -18,7 +18,7 @@ use crate::{
     views::{self, score_table, scores, warnings},
 };
 
-/// What is run, and how.
+/// Subject and options of a run.
 #[derive(Args)]
 pub struct RunArgs {
     #[command(flatten)]
@@ -44,7 +44,7 @@ pub struct RunArgs {
     quiet: bool,
 }
 
-/// What `magline run --help` says of its output and exit status.
+/// Description of output and exit status in `magline run --help`.
 pub const JSON_HELP: &str = "\
 A score is flagged in four cases. The filter is worse than the INS alone (worse_than_ins). The NEES of the position is \
 outside 0.2 to 20; its expected value is 2 (nees_low, nees_high). The NIS is outside 0.25 to 4; its expected value is \
@@ -103,7 +103,7 @@ fn unused(bytes: u64) -> Option<String> {
         .then(|| format!("{size} of stored results are unreferenced; `magline gc --yes` removes them"))
 }
 
-/// A run that has come to an end, and what its user is told of it.
+/// A finished run, and its messages for the user.
 fn ran(
     catalogue: &[Entry],
     args: &RunArgs,

@@ -22,7 +22,7 @@ static UNFINISHED: Mutex<Vec<PathBuf>> = Mutex::new(vec![]);
 pub struct Temporary(PathBuf);
 
 impl Temporary {
-    /// Whatever will be made at `path`.
+    /// Registers a file or folder that will be made at `path`.
     pub fn new(path: PathBuf) -> Temporary {
         if let Ok(mut list) = UNFINISHED.lock() {
             list.push(path.clone());

@@ -1,4 +1,4 @@
-//! What a unit of work costs, from observations of many: least squares with coefficients that are not negative.
+//! Cost of a unit of work, from many observations: least squares with coefficients that are not negative.
 
 use std::collections::BTreeMap;
 
@@ -7,13 +7,13 @@ use std::collections::BTreeMap;
 pub struct Sample {
     /// Names and amounts.
     pub amounts: Vec<(String, f64)>,
-    /// What was measured.
+    /// Measured value.
     pub total: f64,
     /// How much it counts; the inverse of its own size makes relative errors equal.
     pub weight: f64,
 }
 
-/// What a unit of each kind of work costs.
+/// Cost of a unit of each kind of work.
 #[derive(Clone, Debug)]
 pub struct Prices {
     found: BTreeMap<String, f64>,
@@ -23,10 +23,10 @@ pub struct Prices {
 /// Passes over all samples.
 const PASSES: usize = 3000;
 
-/// What one price multiplies.
+/// Amounts that one price multiplies.
 struct Column<'a> {
     name: &'a str,
-    /// Of each sample that has some of it, weighted.
+    /// Weighted amount in each sample that has some of it.
     rows: Vec<(usize, f64)>,
     /// In parts of the usual one.
     price: f64,
@@ -68,7 +68,7 @@ impl Prices {
         Prices { found, usual }
     }
 
-    /// What `amounts` cost.
+    /// Cost of `amounts`.
     pub fn total(&self, amounts: &[(String, f64)]) -> f64 {
         let price = |name: &str| self.found.get(name).copied().unwrap_or_else(|| (self.usual)(name));
         amounts.iter().map(|(name, amount)| amount * price(name)).sum()

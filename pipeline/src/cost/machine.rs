@@ -1,12 +1,11 @@
-//! What this machine is measured by: processor time, memory, and how fast it is beside the machine that the built-in
-//! figures come from.
+//! Measures of this machine: processor time, memory, and speed relative to the machine of the built-in figures.
 
 use std::{fs, hint::black_box, io::Write, path::Path, time::Instant};
 
 use nix::time::{ClockId, clock_gettime};
 use numerics::signal::filter::band_pass;
 
-/// What a clock of the system says, s; 0 where it has none.
+/// Reading of a system clock, s; 0 where the system lacks it.
 fn clock_s(id: ClockId) -> f64 {
     clock_gettime(id).map_or(0.0, |time| time.tv_sec() as f64 + time.tv_nsec() as f64 * 1e-9)
 }
@@ -21,9 +20,9 @@ fn thread_s() -> f64 {
     clock_s(ClockId::CLOCK_THREAD_CPUTIME_ID)
 }
 
-/// What the calibration takes on the machine of the built-in figures, s: a virtual machine on an AMD EPYC.
+/// Time of the calibration on the machine of the built-in figures, s: a virtual machine on an AMD EPYC.
 const REFERENCE_S: f64 = 0.000_031_1;
-/// The least of so many counts.
+/// Number of counts, of which the least is used.
 const TRIES: usize = 15;
 const SAMPLES: usize = 4096;
 

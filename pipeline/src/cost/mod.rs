@@ -1,4 +1,4 @@
-//! What a run costs, before it runs: rows, bytes, processor time and memory of each table that is to be computed.
+//! Cost of a run before it starts: rows, bytes, processor time and memory of each table that it would compute.
 //!
 //! Runs measure their tables ([`Watch`]) and keep the figures in the store, where they are part of no key. An estimate adds up
 //! the amounts of work that a plan asks for (`work`) at the prices that fit these figures, and those that magline comes
@@ -93,8 +93,9 @@ impl Cost {
     }
 }
 
-/// Estimates a run of the plan of `graph` in `store` on so many threads. Reading the sources is not part of it: that is done
-/// when there is a graph. Of a search it is the trials of the plan, which [`crate::run::foreseen`] fills up.
+/// Estimates a run of the plan of `graph` in `store` on `threads` threads. The estimate excludes reading the sources,
+/// which is complete when a graph exists. For a search it covers the trials of the plan, which [`crate::run::foreseen`]
+/// fills up.
 ///
 /// # Errors
 /// Fails for a table that has no files, since a column has types that no file holds.
@@ -136,7 +137,7 @@ pub fn estimate(graph: &Graph, store: &Store, threads: usize) -> Result<Cost, Fa
     Ok(Cost { tables, beside, beside_clock, threads, speed, measured: known.own, assumed: 0 })
 }
 
-/// What units take, which says how large a task should be.
+/// Expected times of units, which determine the size of a task.
 pub struct Rates {
     known: Known,
     speed: f64,
@@ -159,7 +160,7 @@ impl Rates {
     }
 }
 
-/// What the program takes to start and to read its plan, s, of a machine of speed 1: before anything is measured.
+/// Time in which the program starts and reads its plan, s, on a machine of speed 1; used until it is measured.
 const START_S: f64 = 0.03;
 /// A file is brought to the disk, and then its name.
 const SYNCS_A_FILE: f64 = 2.0;

@@ -1,4 +1,4 @@
-//! What was measured: a record of each table that a run computed, kept in the store, beside those that magline comes with.
+//! Measurements: a record of each table that a run computed, kept in the store, and the built-in records.
 
 use std::{
     collections::BTreeMap,
@@ -16,7 +16,7 @@ use crate::{keys::Key, store::Store};
 pub const FOLDER: &str = "costs";
 /// Records of a pipeline that are kept, the newest.
 const KEPT: usize = 200;
-/// How much a record that magline comes with counts beside one of this store.
+/// Weight of a built-in record relative to one of this store.
 const BUILT_IN: f64 = 0.3;
 
 /// The records of the examples, on the machine whose speed is 1: `pipeline/benches/costs.py` measures them.
@@ -87,19 +87,19 @@ impl Work {
         found
     }
 
-    /// What the number of rows follows from.
+    /// Predictors of the number of rows.
     pub fn rows(&self) -> Vec<(String, f64)> {
         let of = [("unit", self.units), ("read", self.reads), ("row", self.rows_in)];
         of.map(|(what, amount)| (format!("{}/{what}", self.stage), amount)).to_vec()
     }
 
-    /// What the bytes of its files follow from.
+    /// Predictors of the bytes of its files.
     pub fn bytes(&self, rows: f64) -> Vec<(String, f64)> {
         let of = [("pack", self.packs), ("unit", self.units), ("number", rows * self.width)];
         of.map(|(what, amount)| (format!("{}/{what}", self.stage), amount)).to_vec()
     }
 
-    /// What the memory follows from.
+    /// Predictors of the memory.
     pub fn memory(&self) -> Vec<(String, f64)> {
         let mut found = vec![("program".to_owned(), 1.0), ("held".to_owned(), self.held)];
         let gathered = |part: &&Part| part.squares > 0.0;
@@ -153,7 +153,7 @@ pub fn usual_memory(name: &str) -> f64 {
     }
 }
 
-/// What work costs by all records.
+/// Cost of work, from all records.
 pub struct Known {
     /// Processor time, s, of a machine whose speed is 1.
     pub seconds: Prices,

@@ -58,8 +58,8 @@ impl<'a> Watch<'a> {
         self.seen.push(Observation { work: asked.work, rows, bytes, seconds, memory });
     }
 
-    /// Keeps what was measured. `whole` is whether the run has come to its end, so that what it does beside its tables
-    /// was measured too.
+    /// Keeps the measurements. `whole` is whether the run has finished, so that its work outside the tables was
+    /// measured too.
     pub fn keep(mut self, whole: bool) {
         if self.seen.is_empty() {
             return;
@@ -76,7 +76,7 @@ impl<'a> Watch<'a> {
     }
 }
 
-/// What a run does beside its tables: keys, scores, warnings, publishing, of tables that hold so many new numbers.
+/// Work of a run outside its tables: keys, scores, warnings and publishing, for tables with `numbers` new numbers.
 pub fn of_run(graph: &Graph, numbers: f64) -> Work {
     let plan = graph.plan;
     let units: usize = (0..plan.tables.len()).map(|t| graph.unit_count(t)).sum();

@@ -87,7 +87,7 @@ impl Read {
     }
 }
 
-/// What the points of one kind read of a line or of a set of lines.
+/// Columns that the points of one kind read of a line or of a set of lines.
 #[derive(Default)]
 struct Shared {
     rows: f64,
@@ -115,12 +115,13 @@ pub struct Amounts<'a> {
 }
 
 impl<'a> Amounts<'a> {
-    /// Of the tables of `graph` on so many `threads`; rows that no plan gives by the prices `rows`.
+    /// Amounts for the tables of `graph` on `threads` threads. The prices `rows` give the numbers of rows that no plan
+    /// gives.
     pub fn new(graph: &'a Graph<'a>, store: &'a Store, rows: &'a Prices, threads: usize) -> Amounts<'a> {
         Amounts { graph, store, rows, threads, rates: RefCell::default() }
     }
 
-    /// What is missing of the table `t`.
+    /// Missing units of the table `t`.
     ///
     /// # Errors
     /// Fails for a table that has no files, since a column has types that no file holds.
@@ -133,7 +134,7 @@ impl<'a> Amounts<'a> {
         let mut first: HashSet<Key> = HashSet::new();
         for unit in self.graph.units(t) {
             asked.units += 1;
-            // What cannot be computed has no key.
+            // A unit that cannot be computed has no key.
             let Ok(key) = self.graph.key(unit) else { continue };
             match self.store.find(key) {
                 Some(Place { rows, .. }) => {
@@ -175,7 +176,7 @@ impl<'a> Amounts<'a> {
             ..Work::default()
         };
         let mut points: HashMap<(Key, usize), Point> = HashMap::new();
-        // What is read of a line or of a set of lines, by kind: each column once for all points.
+        // Columns that are read of a line or of a set of lines, by kind: each column once for all points.
         let mut shared: HashMap<(String, Option<LineId>, u32), Shared> = HashMap::new();
         let (mut read, mut lists) = (Read::default(), HashMap::new());
         let mut unkept: HashSet<Unit> = HashSet::new();
@@ -226,7 +227,7 @@ impl<'a> Amounts<'a> {
         Ok(())
     }
 
-    /// What a point of a table asks of each row.
+    /// Work of a point of a table for each row.
     fn point(&self, it: &Instance) -> Point {
         let entry = &it.node.entry;
         let (mut kind, mut effort) = (entry.name.to_owned(), 1.0);

@@ -35,7 +35,7 @@ pub fn build(spec: Spec, catalogue: &[Entry], recorded: Option<&Recorded>) -> Re
     if faults.is_empty() { Ok(Plan { spec, flights, maps, tables, notes }) } else { Err(spec.faults(faults)) }
 }
 
-/// The tables that a run writes beside those of the stages.
+/// Tables that a run writes in addition to those of the stages.
 const BESIDE: [(&str, &str); 5] = [
     ("failures", "failed results"),
     ("quality", "data quality"),

@@ -14,10 +14,10 @@ use crate::{
     spec::Spec,
 };
 
-/// After so many faults of a stage its other points are not looked at.
+/// Maximum number of faults of a stage; after that its other points are not checked.
 pub const MOST_FAULTS: usize = 20;
 
-/// What a stage takes a table of files for.
+/// Use of a table of files by a stage.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Use {
     /// Flight lines.
@@ -32,7 +32,7 @@ pub enum Use {
 pub struct Builder<'a> {
     pub spec: &'a Spec,
     pub catalogue: &'a [Entry],
-    /// What was read of the inputs, in place of them.
+    /// Recorded facts that replace reading the inputs.
     pub recorded: Option<&'a Recorded>,
     pub faults: Vec<Fault>,
     pub flights: Vec<Flights>,
@@ -46,7 +46,7 @@ pub struct Builder<'a> {
     /// Tables of files already opened, by name and use; `None` where that failed.
     pub sources: BTreeMap<(String, Use), Option<Target>>,
     pub tables: Vec<TableNode>,
-    /// Stages already found wrong; what rests on them is not judged.
+    /// Faulty stages; their dependents are not checked.
     pub broken: Vec<String>,
     pub notes: Vec<String>,
     /// Predicates already read, by text and the columns they see: most points of a sweep share one.

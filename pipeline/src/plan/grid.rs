@@ -89,8 +89,8 @@ impl Grid {
         fits.then(|| place.iter().zip(&self.sides).map(|(at, s)| at * s.stride).sum())
     }
 
-    /// The points that differ from the point `i` in the axis `axis` alone, itself among them; of axes that are searched
-    /// together the first stands for all, and the others lead nowhere.
+    /// Points that differ from the point `i` in the axis `axis` alone, including `i`. For axes that are searched
+    /// together, the first represents all, and the others have no further points.
     pub fn along(&self, i: usize, axis: usize) -> impl Iterator<Item = usize> + '_ {
         let side = self.sides.iter().copied().find(move |s| s.axis == axis);
         let (length, stride) = side.map_or((1, 0), |s| (s.length, s.stride));
@@ -209,7 +209,7 @@ mod tests {
                 let digits: Vec<(usize, usize)> = all.place(i).filter(|(a, _)| some.contains(a)).collect();
                 assert_eq!(part.place(there.at(i)).collect::<Vec<_>>(), digits);
             }
-            // What is left out is added: every point is a point of the one plus a point of the other.
+            // The missing axes are added: every point is a point of the one plus a point of the other.
             let rest = all.without(&part);
             let rest_back = rest.onto(&all);
             let mut seen: Vec<usize> = (0..part.len())

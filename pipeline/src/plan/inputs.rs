@@ -92,7 +92,7 @@ impl Builder<'_> {
         })
     }
 
-    /// What one entry of an input refers to, and the fewest tables that it stands for at a point.
+    /// Target of one entry of an input, and the minimum number of its tables at a point.
     fn slot(&mut self, item: &Literal, input: &InputDecl, given: &Given, grid: &Grid) -> Option<(Slot, usize)> {
         let spec = self.spec;
         let names = Grid::new(&axes_of(item, spec), spec);

@@ -47,12 +47,12 @@ impl Graph<'_> {
 /// The column [`IN_SAMPLE`] of one table.
 pub struct InSample<'a> {
     graph: &'a Graph<'a>,
-    /// What the points of each table of scores saw.
+    /// Data that the points of each table of scores used.
     seen: BTreeMap<usize, Seen>,
 }
 
 impl<'a> InSample<'a> {
-    /// Of the table `t`; `None` where it has no such column.
+    /// Creates the in-sample test of the table `t`; `None` where it has no such column.
     ///
     /// # Errors
     /// Fails when the goal of the search selects no line.

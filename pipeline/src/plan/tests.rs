@@ -238,7 +238,7 @@ fn measure_keys_of_a_million_units() {
     }
 }
 
-/// What is said of [`MIXED`] with a line added to the stage `name`.
+/// Result for [`MIXED`] with a line added to the stage `name`.
 fn said(name: &str, line: &str) -> String {
     let folder = TempDir::new().unwrap();
     flights(&folder);
@@ -253,7 +253,7 @@ fn said(name: &str, line: &str) -> String {
 
 #[test]
 fn gold_carry_names_columns_that_pass_through() {
-    // What is made here, keys, the time and axes are written in any case.
+    // Columns that the stage makes, keys, the time and axes are always written.
     assert_eq!(said("clean", "carry = ['lat', 'lon', 'lat']"), "[\"lat\", \"lon\"]");
     assert_eq!(said("clean", "carry = ['mag_c', 'flight', 'line', 'tt', 'lambda', 'alt']"), "[\"alt\"]");
     for (name, line, says) in [

@@ -17,7 +17,7 @@ pub fn of_bytes(bytes: &[u8]) -> String {
     spelt(Sha256::digest(bytes).as_slice())
 }
 
-/// The size of a file, its SHA-256, and what `each` is told of its bytes.
+/// Returns the size of a file and its SHA-256. `each` receives its bytes.
 ///
 /// # Errors
 /// When it cannot be read.

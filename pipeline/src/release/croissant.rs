@@ -100,7 +100,7 @@ fn creators(about: &About) -> Value {
     about.authors.iter().map(one).collect()
 }
 
-/// What a set says of restricted columns that it holds.
+/// Notice about the restricted columns in a set.
 pub fn conditions(set: &Set) -> String {
     let said = set.dictionary.restricted.iter().map(|h| format!("{}.{}: {}", h.table, h.column, protect::why(h)));
     format!("Restricted columns are included. {}.", said.collect::<Vec<_>>().join("; "))
@@ -181,7 +181,7 @@ fn data_type(c: &Column) -> &'static str {
         ColumnKind::Number | ColumnKind::Numbers => "sc:Float",
         ColumnKind::Integer => "sc:Integer",
         ColumnKind::Boolean => "sc:Boolean",
-        // What has no type of its own is read as text.
+        // Values without a matching type are read as text.
         ColumnKind::Text | ColumnKind::Other(_) => "sc:Text",
     }
 }

@@ -1,4 +1,4 @@
-//! The folder of a set: written beside under another name, and renamed when it is whole.
+//! Folder of a set: written next to its target under another name, and renamed when it is complete.
 
 use std::{
     fs, io,
@@ -20,7 +20,7 @@ fn cannot(doing: &str, path: &Path, e: &io::Error) -> Fault {
     Fault::machine(format!("cannot {doing} {}: {e}", path.display()))
 }
 
-/// What is at the place of a set.
+/// Content at the place of a set.
 enum There {
     Nothing,
     Set,

@@ -56,7 +56,7 @@ use set::{About, Dictionary, FORMAT, Failed, Lock, Person, Set, Stage, Table};
 pub use upload::upload;
 pub use verify::{Verified, verify};
 
-/// What is asked for.
+/// Request for a published set.
 pub struct Request<'a> {
     /// The tables, by their names in the spec.
     pub tables: &'a [String],
@@ -68,7 +68,7 @@ pub struct Request<'a> {
     pub include_restricted: bool,
 }
 
-/// What was published.
+/// Contents of a published set.
 #[derive(Debug)]
 pub struct Published {
     /// Name, rows and files of each table.
@@ -77,7 +77,7 @@ pub struct Published {
     pub files: usize,
     /// Whether anything was written: not where the same set was there already.
     pub written: bool,
-    /// What is not in the tables because it could not be computed.
+    /// Number of units that are missing from the tables because they could not be computed.
     pub failures: usize,
     /// The restricted columns that went out, each with where it comes from.
     pub restricted: Vec<String>,
@@ -299,7 +299,7 @@ fn computed(graph: &Graph, store: &Store) -> Result<Version, Fault> {
     })
 }
 
-/// What could not be computed of the tables and of those they are made from.
+/// Failures in the tables and in those that they are made from.
 fn failures(graph: &Graph, store: &Store, chosen: &[Chosen]) -> Result<Vec<Failed>, Fault> {
     let plan = graph.plan;
     let mut names: BTreeSet<&str> = BTreeSet::new();

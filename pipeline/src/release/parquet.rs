@@ -26,7 +26,7 @@ use super::set::{Column, ColumnKind, Values};
 /// Rows of a row group.
 const GROUP_ROWS: usize = 100_000;
 
-/// What Parquet names as the writer of a file; without a version, so that files differ only where their rows do.
+/// Writer that Parquet files name, without a version, so that files differ only where their rows do.
 const WRITER: &str = "magline";
 
 fn cannot(doing: &str, path: &Path, e: &dyn std::fmt::Display) -> Fault {

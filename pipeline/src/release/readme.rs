@@ -28,7 +28,7 @@ pub fn write(set: &Set) -> String {
     text
 }
 
-/// What restricted columns the set holds.
+/// Notice about the restricted columns in the set.
 fn restricted(set: &Set) -> String {
     if set.dictionary.restricted.is_empty() {
         return String::new();

@@ -126,7 +126,7 @@ pub fn write(set: &Set) -> Value {
     json!({ "@context": context, "@graph": all })
 }
 
-/// References to entities: one stands by itself.
+/// References to entities; a single one is not a list.
 fn refer(ids: &[String]) -> Value {
     match ids {
         [one] => json!({ "@id": one }),

@@ -1,4 +1,4 @@
-//! What a published set says of itself, as data: all its documents are made of this, and checked against it.
+//! Self-description of a published set, as data: all its documents are made of this, and checked against it.
 
 use std::{collections::BTreeMap, fmt};
 
@@ -25,9 +25,9 @@ pub struct Dictionary {
     pub about: About,
     /// Its tables, in the order in which they were asked for.
     pub tables: Vec<Table>,
-    /// What it holds although it is restricted.
+    /// Restricted columns in the set.
     pub restricted: Vec<Held>,
-    /// What could not be computed of the tables and of those that they are made from.
+    /// Failures in the tables and in those that they are made from.
     pub failures: Vec<Failed>,
 }
 
@@ -36,7 +36,7 @@ pub struct Dictionary {
 pub struct About {
     /// The title.
     pub title: String,
-    /// What it holds and what it is for.
+    /// Content and purpose.
     pub description: String,
     /// The authors.
     pub authors: Vec<Person>,
@@ -58,7 +58,7 @@ pub struct About {
     pub motivation: Option<String>,
     /// How they were recorded.
     pub collection: Option<String>,
-    /// What they can be used for.
+    /// Possible uses.
     pub uses: Option<String>,
     /// Known faults and limits.
     pub limits: Option<String>,
@@ -91,7 +91,7 @@ pub struct Person {
 pub struct Licence {
     /// Its SPDX identifier, or another name.
     pub name: String,
-    /// What it is called in full.
+    /// Full title.
     pub title: String,
     /// The address of its text.
     pub url: String,
@@ -110,7 +110,7 @@ pub struct Table {
     pub kind: String,
     /// The stage that made it; `None` for what was read from files.
     pub stage: Option<String>,
-    /// What that stage does.
+    /// Description of that stage.
     pub description: String,
     /// The axes of the sweep, which are columns.
     pub axes: Vec<String>,
@@ -182,7 +182,7 @@ pub struct Column {
     pub unit: String,
     /// `key`, `time`, `truth`, `sensor`, `aux` or `derived`.
     pub role: String,
-    /// What it is.
+    /// Meaning of the column.
     pub description: String,
     /// The names of a list's entries.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
@@ -190,12 +190,12 @@ pub struct Column {
     /// The columns it was made from, as `table.column`.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub from: Vec<String>,
-    /// What its values are.
+    /// Values of the column.
     #[serde(flatten)]
     pub values: Values,
 }
 
-/// What the values of a column are.
+/// Statistics of the values of a column.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Values {
     /// Rows without a value: null or NaN.
@@ -280,7 +280,7 @@ pub struct Lock {
     pub seed: u64,
     /// The hash of what was computed and of its data.
     pub run: String,
-    /// What was read from files.
+    /// Files that were read.
     pub inputs: Vec<Input>,
     /// The tables of the stages, in the order of the plan.
     pub stages: Vec<Stage>,

@@ -183,7 +183,7 @@ impl Parts {
     }
 }
 
-/// What the name of a folder can hold of an identifier: other bytes are spelt as `%` and two hexadecimal digits.
+/// Folder name for an identifier: special bytes are spelt as `%` and two hexadecimal digits.
 fn folder_name(identifier: &str) -> String {
     let plain = |b: u8| b.is_ascii_alphanumeric() || matches!(b, b'.' | b'-' | b'_');
     identifier.bytes().map(|b| if plain(b) { char::from(b).to_string() } else { format!("%{b:02X}") }).collect()

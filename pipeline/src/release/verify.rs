@@ -19,7 +19,7 @@ pub struct Verified {
     pub files: usize,
     /// Rows of all tables.
     pub rows: u64,
-    /// What is wrong: the file, and why.
+    /// Faults: the file, and the reason.
     pub faults: Vec<(String, String)>,
 }
 
@@ -169,7 +169,7 @@ fn listed(set: &Set, there: &[String], found: &mut Verified) {
     }
 }
 
-/// What the files of a table hold.
+/// Contents of the files of a table.
 struct Checked {
     faults: Vec<(String, String)>,
     rows: u64,

@@ -342,7 +342,7 @@ impl Bucket {
         Ok(done.map(|put| Tag(put.into())))
     }
 
-    /// Writes an object, whatever was there.
+    /// Writes an object and replaces an earlier one.
     ///
     /// # Errors
     /// Fails when the server cannot be reached or refuses.

@@ -270,7 +270,7 @@ mod tests {
         copies.bucket.put("f/a.csv", b"two".to_vec()).unwrap();
         copies.bring(&listed()[0]).unwrap();
         assert_eq!(fs::read(&file).unwrap(), b"two");
-        // Of an object that was written between listing and reading, the length tells.
+        // The length reveals an object that was written between listing and reading.
         copies.bucket.put("f/a.csv", b"four".to_vec()).unwrap();
         let before = listed();
         copies.bucket.put("f/a.csv", b"three".to_vec()).unwrap();

@@ -1,7 +1,7 @@
 //! Computing again what is there, to see whether it comes to the same.
 //!
-//! It is done in a copy of the store that lacks those results, from the same inputs, by an ordinary run. The store itself
-//! keeps what it has, whatever comes of it.
+//! An ordinary run recomputes them from the same inputs, in a copy of the store that lacks those results. The store
+//! itself does not change.
 
 use std::collections::HashSet;
 
@@ -17,7 +17,7 @@ use crate::{
     store::Store,
 };
 
-/// What came of computing a table again.
+/// Outcome of the recomputation of a table.
 #[derive(Clone, Debug)]
 pub struct Compared {
     /// The table.
@@ -46,7 +46,7 @@ pub fn again(
         None => (0..plan.tables.len()).filter(|t| plan.tables.get(*t).is_some_and(|n| n.keep)).collect(),
     };
     let units = tables.iter().flat_map(|t| graph.units(*t));
-    // What was refused has no result to compare.
+    // A rejected unit has no result to compare.
     let keys: HashSet<Key> = units.filter_map(|u| graph.key(u).ok()).filter(|key| store.find(*key).is_some()).collect();
     let other = store.mirror(&store.temporary(), &keys).map_err(fail)?;
     if as_planned(plan, &other, table, listener)? {

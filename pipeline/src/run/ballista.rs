@@ -37,7 +37,7 @@ use super::{
     task::Receipt,
 };
 
-/// What a task costs a worker beside its work, s: `pipeline/CLUSTER.md`.
+/// Overhead of a task in a worker, s, as measured in `pipeline/CLUSTER.md`.
 const TASK_S: f64 = 0.012;
 
 /// The cluster of a scheduler.
@@ -53,7 +53,7 @@ pub struct Ballista {
 /// The limits of what is handed out.
 #[derive(Clone, Copy, Debug)]
 pub struct Limits {
-    /// How often a unit is tried again after its worker was lost.
+    /// Maximum number of retries of a unit whose worker was lost.
     pub retries: usize,
     /// The longest time of a unit.
     pub unit_timeout: Option<Duration>,
@@ -112,7 +112,7 @@ fn runtime() -> Result<Runtime, Fault> {
     runtime.map_err(|e| Fault::machine(format!("cannot start threads: {e}")))
 }
 
-/// Comes to its end when the process is told to stop.
+/// Completes when the process receives a stop signal.
 async fn told_to_stop() {
     use tokio::signal::unix::{SignalKind, signal};
     let told = |kind: SignalKind| async move {
@@ -128,7 +128,7 @@ async fn told_to_stop() {
     }
 }
 
-/// A time that goes on until something is seen.
+/// Time since an observation, reset by the next one.
 #[derive(Clone, Copy, Debug)]
 struct Since(Instant);
 

@@ -30,7 +30,7 @@ pub struct Children {
     pub program: PathBuf,
     /// The store.
     pub store: PathBuf,
-    /// How often a unit is tried again after its worker was lost.
+    /// Maximum number of retries of a unit whose worker was lost.
     pub retries: usize,
     /// The longest time of a unit.
     pub unit_timeout: Option<Duration>,
@@ -111,9 +111,9 @@ impl Drop for Running {
 }
 
 impl Children {
-    /// Has a task computed, by one worker after another while these are lost: what is in `worker`, or a new one, and there is
-    /// the last of them when this returns. The receipt lacks units, or is none, where this process is told to stop. A task that the
-    /// workers refuse, or cannot look at, has a receipt that says why.
+    /// Has a task computed by `worker` or, where it is `None`, by a new worker. A lost worker is replaced by another
+    /// one; the last one is in `worker` on return. The receipt is partial or `None` when this process receives a stop
+    /// signal. A task that the workers reject has a receipt with the reason.
     pub fn receipt(&self, worker: &mut Option<Running>, task: &Task, leash: &Leash) -> Option<Receipt> {
         let text = match serde_json::to_string(task) {
             Ok(text) => text,
@@ -135,7 +135,7 @@ impl Children {
             let whole = |r: &Receipt| r.refused.is_some() || !r.ended && r.units.len() >= wanted;
             match answer {
                 Some(mut receipt) if whole(&receipt) || !receipt.ended && leash.is_stopped() => {
-                    // What is found after a loss was computed by the worker that was lost.
+                    // A result that is found after a loss was computed by the lost worker.
                     let found = receipt.units.iter_mut().filter(|a| loss > 0 && a.outcome == Outcome::Reused);
                     found.for_each(|a| a.outcome = Outcome::Computed);
                     return Some(receipt);

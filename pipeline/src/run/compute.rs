@@ -76,7 +76,7 @@ pub fn compute(worker: &Worker, table: usize, task: &Task, told: &Told) -> Recei
     let mut made = all.spread(worker.compute(&all.first, &usable, &done));
     let repeats = all.repeats();
     made.iter().filter(|m| repeats.contains(&m.unit)).for_each(|m| say(m.unit, m, Outcome::Reused));
-    // What an interrupt leaves out is computed by another run, which then writes the whole.
+    // A later run computes the units that an interrupt skips, and then writes the whole.
     let part = task.part || made.len() < pending.len();
     let lost = write(worker, cut, table, task, part, &mut made).err();
     let mut made = made.into_iter().peekable();

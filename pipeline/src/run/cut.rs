@@ -33,7 +33,7 @@ pub struct Cut<'a> {
 }
 
 impl<'a> Cut<'a> {
-    /// Of the table `table`.
+    /// Schema of the table `table`.
     ///
     /// # Errors
     /// Fails when a column has types at different points of the sweep that one file cannot hold.
@@ -65,7 +65,7 @@ impl<'a> Cut<'a> {
             if makers.len() < yields.len() && column.name != "flight" && column.name != "line" {
                 passed.push(column.name.clone());
             }
-            // What passes through has the types that it has in each of the tables it comes from.
+            // A passthrough column has the types of the tables that it comes from.
             let types = if makers.is_empty() { node.columns_named(&column.name) } else { makers };
             fields.push(one_type(&column, &types)?);
         }

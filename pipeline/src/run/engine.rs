@@ -11,7 +11,7 @@ use super::{
 };
 use crate::plan::Unit;
 
-/// Is told the outcome of each unit as it comes, from any thread.
+/// Callback for the outcome of each unit, called from any thread.
 pub type Told<'a> = dyn Fn(Unit, Outcome, Option<&Fault>) + Sync + 'a;
 
 /// The tasks of one table, none of which needs the result of another.
@@ -22,7 +22,7 @@ pub struct Wave<'a> {
     pub table: usize,
     /// The tasks.
     pub tasks: &'a [Task],
-    /// What a unit is expected to take, s; 0 where nothing is known of it.
+    /// Expected time of a unit, s; 0 where it is unknown.
     #[cfg_attr(not(feature = "cluster"), allow(dead_code))]
     pub unit_s: f64,
     /// Hears of each unit.
@@ -40,10 +40,10 @@ impl Wave<'_> {
     }
 }
 
-/// What an engine needs tasks to be.
+/// Task sizes that suit an engine.
 #[derive(Clone, Copy, Debug)]
 pub struct Pace {
-    /// What a task costs beside its work, s.
+    /// Overhead of a task, s.
     pub task_s: f64,
     /// How many tasks are computed at once; 0 where that is not known.
     pub at_once: usize,
@@ -55,9 +55,9 @@ const MOST_BESIDE: f64 = 0.05;
 const MOST_UNITS: usize = 4096;
 
 impl Pace {
-    /// How many of `units` units, of `unit_s` seconds each, a task has: so many that what it costs beside its work is 5 % of it.
-    /// Where there is too little work for that, there is a task for each of those that are computed at once, unless it costs
-    /// more than it does.
+    /// Number of units of a task, for a wave of `units` units of `unit_s` seconds each. The overhead of the task is
+    /// then 5 % of its time. With less work, there is one task for each of those that are computed at once, unless its
+    /// overhead exceeds its work.
     pub fn units(self, units: usize, unit_s: f64) -> usize {
         let of = |task_s: f64| (task_s / unit_s.max(1e-9)).ceil().clamp(1.0, MOST_UNITS as f64) as usize;
         let enough = of(self.task_s / MOST_BESIDE);
@@ -68,12 +68,13 @@ impl Pace {
     }
 }
 
-/// What computes tasks. Whatever it is, the driver plans, looks into the store, lays out and publishes the same.
+/// Component that computes tasks. For every engine, the driver plans, searches the store, lays out and publishes in the
+/// same way.
 pub trait Engine: Sync {
     /// Whether tasks are computed in this process: they need no plan in the store, and their results are in the catalogue.
     fn is_local(&self) -> bool;
 
-    /// What tasks should be like.
+    /// Task sizes that suit this engine.
     fn pace(&self) -> Pace;
 
     /// Computes the tasks of a wave; the answers of each, in their order. None for a task that an interrupt left out. A unit

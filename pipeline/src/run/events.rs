@@ -83,7 +83,7 @@ pub enum Event<'a> {
         run: &'a str,
         /// Choices made automatically.
         notes: &'a [String],
-        /// What is run.
+        /// Graph of the run.
         graph: &'a Graph<'a>,
     },
     /// The missing part of a table is computed now.
@@ -104,7 +104,7 @@ pub enum Event<'a> {
     },
     /// Nothing can be computed before something else is there; or that has come.
     Waiting {
-        /// What for, in a few words; none when it goes on.
+        /// Reason for waiting, in a few words; none when the run resumes.
         what: Option<&'a str>,
     },
     /// A unit is finished.

@@ -1,4 +1,4 @@
-//! What could not be computed.
+//! Units and tables that could not be computed.
 
 use std::collections::HashMap;
 

@@ -30,7 +30,7 @@ pub struct Layout {
 }
 
 impl Layout {
-    /// Of the table of `cut`.
+    /// Layout of the table of `cut`.
     pub fn new(graph: &Graph, table: usize, cut: &Cut) -> Layout {
         let node = &graph.plan.tables[table];
         let mut units: Vec<Unit> = graph.units(table).collect();
@@ -69,7 +69,7 @@ pub struct Cover {
 pub fn cover(catalogue: &Catalogue, kind: Key, layout: &Layout, wanted: &[Option<Packed>], strict: bool) -> Cover {
     let at: HashMap<(Key, u64), usize> =
         wanted.iter().enumerate().filter_map(|(i, w)| w.as_ref().map(|w| ((w.key, w.dress), i))).collect();
-    // One chunk alone is small; it is always one pack, so that small tables have the same bytes whatever the history.
+    // A single chunk is small. It is always one pack, so that small tables have the same bytes for any history.
     let strict = strict || layout.chunks.len() <= 1;
     let mut found: Vec<(bool, usize, usize, Key, Vec<usize>)> = vec![];
     for pack in catalogue.packs().filter(|p| p.kind == kind) {

@@ -1,4 +1,4 @@
-//! What is to be computed next, as tasks for workers of other processes.
+//! Lists the next tasks for workers of other processes.
 
 use schemas::{Fault, Owner};
 
@@ -24,7 +24,7 @@ pub struct Listed {
     pub given_up: usize,
 }
 
-/// What a task costs beside its work in a process of its own, s: `pipeline/benches/README.md`.
+/// Overhead of a task in a process that computes only this task, s, as measured in `pipeline/benches/README.md`.
 const TASK_S: f64 = 0.1;
 
 /// Lists what can be computed with what is in `store`, in tasks of at most `most` units, or of as many as a process of its own

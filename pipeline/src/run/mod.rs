@@ -95,7 +95,7 @@ pub struct Summary {
     pub folder: std::path::PathBuf,
     /// Tables that were not asked for, and are as they were before.
     pub left: Vec<String>,
-    /// What came of computing again what was there.
+    /// Outcomes of the recomputation of stored tables.
     pub compared: Vec<Compared>,
     /// The bytes of earlier results that `gc` would remove.
     pub unused: u64,
@@ -115,15 +115,15 @@ pub struct Options<'a> {
     pub wait: bool,
     /// Merge the packs of a sweep that has grown, as if it had been run at once.
     pub compact: bool,
-    /// How often a unit is tried again after its worker was lost.
+    /// Maximum number of retries of a unit whose worker was lost.
     pub retries: usize,
-    /// What computes.
+    /// Engine that computes the tasks.
     pub engine: &'a dyn Engine,
     /// Compute only the table at this position of the plan, and what it is made from. Not for a search.
     pub until: Option<usize>,
 }
 
-/// How often a unit is tried again after its worker was lost, unless the user says otherwise.
+/// Default maximum number of retries of a unit whose worker was lost.
 pub const RETRIES: usize = 2;
 
 impl Default for Options<'_> {
@@ -132,15 +132,15 @@ impl Default for Options<'_> {
     }
 }
 
-/// How often a run starts again when it finds a part of the store damaged.
+/// Maximum number of restarts of a run after it finds damage in the store.
 const HEALINGS: usize = 5;
 
 /// Runs `plan` in `store`, on rayon's current thread pool. Damaged files are quarantined and recomputed. Of a search only
 /// the trials of the plan are run: [`search()`] runs it to its end.
 ///
 /// # Errors
-/// Fails when a source cannot be read, the store cannot be written, or another run of the pipeline is at work; nothing
-/// has been run then.
+/// Fails when a source cannot be read, the store cannot be written, or another run holds the lock of the pipeline. No
+/// task has been computed then.
 pub fn run(plan: &Plan, store: &Store, options: Options<'_>, listener: &dyn Listener) -> Result<Summary, Faults> {
     let publisher = store.publisher(&plan.spec.name, options.wait).map_err(|f| plan.spec.faults(vec![f]))?;
     run_locked(plan, store, &publisher, options, listener)
@@ -164,7 +164,7 @@ fn run_locked(
     Ok(summary)
 }
 
-/// Computes the points of `plan` once, those of a search too, whatever their scores say; whether it was interrupted.
+/// Computes the points of `plan` once, including those of a search for any scores. Returns whether it was interrupted.
 fn as_planned(plan: &Plan, store: &Store, until: Option<usize>, listener: &dyn Listener) -> Result<bool, Faults> {
     let publisher = store.publisher(&plan.spec.name, false).map_err(|f| plan.spec.faults(vec![f]))?;
     let pass = Pass { last: true, rows: &[], known: Some(&[]), relay: None };
@@ -172,7 +172,7 @@ fn as_planned(plan: &Plan, store: &Store, until: Option<usize>, listener: &dyn L
     Ok(healed(plan, store, options, &publisher, listener, &pass)?.interrupted)
 }
 
-/// What a pass over a plan is for.
+/// Purpose of a pass over a plan.
 struct Pass<'a> {
     /// Whether its tables are published.
     last: bool,
@@ -252,7 +252,7 @@ fn once(
             runner.seconds.push((0, 0.0));
             continue;
         }
-        // What other processes take is not seen from here.
+        // This process cannot measure the resources of other processes.
         let before = if options.engine.is_local() { watch.table(t) } else { None };
         let started = Instant::now();
         let (count, found) = runner.table(t);

@@ -19,7 +19,7 @@ use super::{
     task::Receipt,
 };
 
-/// What a task costs beside its work in a process that is at work already, s: `pipeline/CLUSTER.md`.
+/// Overhead of a task in a running process, s, as measured in `pipeline/CLUSTER.md`.
 const TASK_S: f64 = 0.012;
 
 /// Worker processes, which live as long as a wave.
@@ -28,7 +28,7 @@ pub struct Processes {
     pub program: PathBuf,
     /// The number of processes; each has one thread.
     pub count: usize,
-    /// How often a unit is tried again after its worker was lost.
+    /// Maximum number of retries of a unit whose worker was lost.
     pub retries: usize,
     /// The longest time of a unit.
     pub unit_timeout: Option<Duration>,

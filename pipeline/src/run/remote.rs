@@ -31,13 +31,13 @@ use crate::{
 /// The limits of a worker.
 #[derive(Clone, Copy, Debug)]
 pub struct Limits {
-    /// How often a unit is tried again after its worker was lost.
+    /// Maximum number of retries of a unit whose worker was lost.
     pub retries: usize,
     /// The longest time of a unit. Units that are computed together have together what each has.
     pub unit_timeout: Option<Duration>,
 }
 
-/// What a worker did.
+/// Work that a worker did.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Served {
     /// Tasks that it refused.
@@ -49,8 +49,8 @@ pub struct Served {
 /// Hears of a receipt.
 pub type Hear<'a> = dyn Fn(&Receipt) + Sync + 'a;
 
-/// Computes `tasks` one after another, on rayon's current thread pool. `answered` is told each receipt; `overdue` is told
-/// that of a task whose time is over, and should end the process, since a thread cannot be stopped.
+/// Computes `tasks` one after another, on rayon's current thread pool. `answered` receives each receipt. `overdue`
+/// receives the receipt of a task whose time is over; it should end the process, since a thread cannot be stopped.
 pub fn serve(
     store: &Store,
     catalogue: &[Entry],
@@ -229,7 +229,7 @@ impl Bench<'_> {
         answers
     }
 
-    /// What the store knows of a unit: its result, or that it failed.
+    /// Stored outcome of a unit: its result or its failure.
     fn found(&self, unit: &TaskUnit) -> Option<Answer> {
         let store = self.worker.store();
         match store.find(unit.key)?.rows {

@@ -36,7 +36,7 @@ pub(super) struct Runner<'a> {
     pub(super) abroad: bool,
     /// The attempts at units that have no answer.
     pub(super) attempts: HashMap<Key, Tries>,
-    /// What units take, once that is asked for.
+    /// Expected times of units, loaded on first use.
     pub(super) rates: OnceCell<Rates>,
     /// The state of each unit.
     pub(super) states: States<'a>,
@@ -141,7 +141,7 @@ impl<'a> Runner<'a> {
         let missing = |(kind, r): &(InputKind, Ref)| {
             let there = match (kind.is_by_line(), unit.line) {
                 _ if kind.is_record() => self.record_state(*r),
-                // A fit looks at its lines one by one and goes on without those that failed.
+                // A fit examines its lines one by one and skips those that failed.
                 (true, None) => self.survey_state(unit),
                 (true, line) => self.state(*r, line),
                 (false, _) => self.state(*r, None),

@@ -1,8 +1,8 @@
 //! A search that goes by generations: each is planned from the scores of those before, and run.
 //!
-//! Nothing of it is kept beside the results, which are addressed by what they were computed from: a search that was killed
-//! plans its generations again, and finds those that were finished in the store. When the last one is done all trials are
-//! published together, as those of a sweep that was run at once.
+//! The store holds only the results of a search, which are addressed by their inputs. A search that was killed plans
+//! its generations again and finds the finished results in the store. After the last generation all trials are
+//! published together, as in a sweep.
 
 use std::{
     collections::{BTreeMap, HashSet},
@@ -23,7 +23,7 @@ use crate::{
 /// Returns the plan of all that was run.
 ///
 /// # Errors
-/// As [`super::run`].
+/// The same as [`super::run`].
 pub fn search(
     plan: Plan,
     catalogue: &[Entry],
@@ -70,14 +70,14 @@ pub fn search(
     Ok((plan, summary))
 }
 
-/// What the machine refused may be there the next time, and the trials after it would be others.
+/// Faults of the machine can disappear on a later run, and the next trials would then differ.
 fn stopped(done: usize) -> Failure {
     let what = format!("the search stopped after {done} trials, because the machine failed during the next trials");
     let fault = Fault::machine(what).help("run the spec again to resume; finished results are stored");
     Failure { table: "search".into(), point: Default::default(), line: None, fault }
 }
 
-/// Hands on the events of several passes as those of one run: each unit is told once, each table at the end.
+/// Forwards the events of several passes as those of one run: each unit once, each table at the end.
 pub struct Relay<'a> {
     listener: &'a dyn Listener,
     told: Mutex<Told>,
@@ -91,7 +91,7 @@ struct Told {
     tables: BTreeMap<String, Spent>,
 }
 
-/// What became of a table in all passes.
+/// Total counts and time of a table over all passes.
 #[derive(Clone, Copy, Default)]
 struct Spent {
     count: Count,

@@ -1,4 +1,4 @@
-//! What has become of each unit of a run so far.
+//! State of each unit of a run.
 
 use schemas::Grain;
 

@@ -118,7 +118,7 @@ impl<'a> Runner<'a> {
         after.packs
     }
 
-    /// Puts the failures from `first` on into the order of the table's rows, whatever was found first.
+    /// Sorts the failures from `first` on by the order of the table's rows.
     fn sort(&mut self, sheet: &Sheet, first: usize) {
         let Some(new) = self.failures.get_mut(first..).filter(|new| new.len() > 1) else { return };
         let at: HashMap<Unit, usize> = sheet.layout.units.iter().enumerate().map(|(i, unit)| (*unit, i)).collect();
@@ -171,14 +171,14 @@ impl<'a> Runner<'a> {
         sheet.layout.chunks.iter().filter_map(of_chunk).collect()
     }
 
-    /// What a unit of the table is expected to take, s.
+    /// Expected time of a unit of the table, s.
     pub(super) fn unit_s(&self, sheet: &Sheet) -> f64 {
         let rates = self.rates.get_or_init(|| Rates::new(self.store));
         rates.unit_s(self.graph, self.store, sheet.table)
     }
 
-    /// What is to be computed in tasks of at most `most` units. A chunk that is computed as a whole becomes a file of the
-    /// table; other tasks make parts, which the driver lays out.
+    /// Lists the remaining work in tasks of at most `most` units. A chunk that is computed as a whole becomes a file of
+    /// the table. Other tasks make parts, which the driver lays out.
     pub(super) fn tasks_abroad(&self, sheet: &Sheet, cover: &Cover, most: usize, plan: Option<Key>) -> Vec<Handed> {
         let (most, whole) = (most.max(1), sheet.whole(self.options.compact));
         let mut tasks = vec![];

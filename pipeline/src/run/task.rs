@@ -50,7 +50,7 @@ pub struct TaskUnit {
     /// Whether it is in the store, and is only written into the same file.
     #[serde(default, skip_serializing_if = "is_false")]
     pub have: bool,
-    /// Of a survey stage the lines that cannot be used, sorted.
+    /// Unusable lines of a survey stage, sorted.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub without: Vec<LineId>,
 }
@@ -62,7 +62,7 @@ impl TaskUnit {
     }
 }
 
-/// What became of a task.
+/// Outcome of a task.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Receipt {
@@ -90,7 +90,7 @@ pub struct Receipt {
     pub worker: String,
 }
 
-/// What became of a unit.
+/// Outcome of a unit.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Answer {
@@ -173,7 +173,7 @@ impl Receipt {
     /// The receipt in one line of text.
     ///
     /// # Errors
-    /// As [`Task::parse`].
+    /// The same as [`Task::parse`].
     pub fn parse(text: &str) -> Result<Receipt, Fault> {
         parsed(text, "receipt")
     }
@@ -189,7 +189,7 @@ impl Receipt {
 }
 
 impl Answer {
-    /// Of a unit of a task.
+    /// Answer for a unit of a task.
     pub fn of(unit: &TaskUnit, outcome: Outcome, fault: Option<Fault>) -> Answer {
         let TaskUnit { point, line, key, .. } = *unit;
         Answer { point, line, key, axes: BTreeMap::new(), place: None, outcome, fault }

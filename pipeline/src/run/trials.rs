@@ -21,7 +21,7 @@ use crate::{
 /// Hears of the sources as they are read.
 pub type Tick<'a> = dyn Fn(&str, &ReadStep) + Sync + 'a;
 
-/// What the store knows of a unit.
+/// Stored state of a unit.
 enum Fate {
     /// Its rows.
     There,
@@ -156,7 +156,7 @@ fn values(graph: &Graph, store: &Store, goal: &Goal, unit: Unit) -> Result<Vec<(
     Ok(given.map(|i| (values.value(i), n.value(i) as f64, spread_at(spreads, i))).collect())
 }
 
-/// What is known of a unit; of one that is not in the store what its inputs say.
+/// Stored state of a unit. For a unit that is not in the store, the state follows from its inputs.
 fn fate(graph: &Graph, store: &Store, unit: Unit) -> Result<Fate, Fault> {
     let key = match graph.key(unit) {
         Ok(key) => key,
@@ -188,7 +188,7 @@ fn fate(graph: &Graph, store: &Store, unit: Unit) -> Result<Fate, Fault> {
                 Ref::Map(_) | Ref::Flights(_) => Fate::There,
             },
             (true, None) => {
-                // A fit goes on without the lines that failed, unless all did.
+                // A fit skips the lines that failed, unless all did.
                 let lines = graph.lines_of(unit.table, unit.instance);
                 let mut fates = lines.iter().map(|line| of_line(r, *line)).collect::<Result<Vec<_>, Fault>>()?;
                 let failed = !fates.is_empty() && fates.iter().all(|f| matches!(f, Fate::Failed(_)));
@@ -219,7 +219,7 @@ pub fn settled(plan: Plan, catalogue: &[Entry], store: &Store, tick: &Tick) -> R
 /// the scores in `store` yet follow from scores that are made up here. It says what the search costs, not what it finds.
 ///
 /// # Errors
-/// As [`settled`].
+/// The same as [`settled`].
 pub fn foreseen(plan: Plan, catalogue: &[Entry], store: &Store, tick: &Tick) -> Result<(Plan, usize), Faults> {
     let Some(search) = plan.spec.search.clone() else { return Ok((plan, 0)) };
     let Some(mut course) = followed(&search, &plan, catalogue, store, tick)? else { return Ok((plan, 0)) };
@@ -265,7 +265,7 @@ fn followed<'a>(
     Ok(Some(course))
 }
 
-/// What was computed, by trial and rung.
+/// Sorts the computed trials by trial and rung.
 pub fn in_order(mut done: Vec<Scored>) -> Vec<Scored> {
     done.sort_by_key(|s| (s.row.trial, s.row.rung));
     done

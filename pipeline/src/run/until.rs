@@ -24,7 +24,7 @@ impl Asked {
         self.tables.as_ref().is_none_or(|all| all.contains(&t))
     }
 
-    /// What a user is told of the tables that were left.
+    /// Message for the user about the skipped tables.
     pub fn note(&self, plan: &Plan) -> Option<String> {
         let names: Vec<&str> = self.names(plan).collect();
         (!names.is_empty()).then(|| {

@@ -29,7 +29,7 @@ pub struct Made {
     pub unit: Unit,
     /// The columns that its stage made, or why it could not.
     pub rows: Result<RecordBatch, Fault>,
-    /// What is said of it beside its rows.
+    /// Notes attached to the result: skipped lines and warnings.
     pub remarks: Remarks,
 }
 
@@ -42,7 +42,7 @@ impl Made {
 /// Points of a sweep that are computed together on one line, as wide as the widest vectors of numbers.
 const POINTS_A_GROUP: usize = 8;
 
-/// What a stage's preparation depends on: its table, and the parameters, models and maps that it uses.
+/// Dependencies of a stage's preparation: its table, and the parameters, models and maps that it uses.
 type Basis = (usize, String);
 
 /// A point on a line: its stage, the columns it reads, and what the stage prepared.
@@ -87,13 +87,13 @@ impl<'a> Worker<'a> {
         self.store
     }
 
-    /// Tells that nothing goes on before there is `what`, or that it goes on.
+    /// Reports that the run waits for `what`, or that it resumes.
     #[cfg(feature = "cluster")]
     pub fn waits(&self, what: Option<&str>) {
         self.listener.hear(&Event::Waiting { what });
     }
 
-    /// What the stage of a table works on.
+    /// Granularity of the stage of a table.
     pub fn grain(&self, table: usize) -> Grain {
         self.graph.plan.tables[table].entry.grain
     }
@@ -101,7 +101,7 @@ impl<'a> Worker<'a> {
     /// The contents of the files of a table.
     ///
     /// # Errors
-    /// As [`Cut::new`].
+    /// The same as [`Cut::new`].
     pub fn cut(&self, table: usize) -> Result<&Cut<'a>, Fault> {
         match self.cuts.get(table) {
             Some(cut) => cut.as_ref().map_err(Clone::clone),
@@ -163,7 +163,7 @@ impl<'a> Worker<'a> {
             Some(first) => guarded(|| Ok(first.stage.run_points(&able))),
             None => Ok(vec![]),
         };
-        // One that panics takes the others with it: they are run again, each by itself.
+        // A panic of one point discards the others of the group: each is then computed separately.
         let alone = |point: &AnyLinePoint| guarded(|| point.stage.run(point.line, point.prepared));
         let answers = together.unwrap_or_else(|_| able.iter().map(alone).collect());
         let mut answers = answers.into_iter();

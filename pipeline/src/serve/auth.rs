@@ -36,7 +36,7 @@ impl Token {
         Ok(Token { text: text.to_owned(), hash: blake3::hash(text.as_bytes()) })
     }
 
-    /// As the header that carries it.
+    /// Value of the header that carries the token.
     pub fn bearer(&self) -> String {
         format!("Bearer {}", self.text)
     }
@@ -65,7 +65,7 @@ impl Token {
 pub struct Check(Option<Token>);
 
 impl Check {
-    /// Of `token`; without one all requests go through.
+    /// Check of `token`; without a token all requests pass.
     pub fn new(token: Option<Token>) -> Check {
         Check(token)
     }

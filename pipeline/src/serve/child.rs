@@ -31,7 +31,7 @@ use crate::{
 /// The most threads that compute a query, and that wait for its files.
 const MOST_THREADS: usize = 8;
 const FILE_THREADS: usize = 4;
-/// Memory of a query beside what its operators count, such as pieces on their way.
+/// Memory of a query that its operators do not count, such as batches in transit.
 pub const BESIDE: usize = 96 << 20;
 
 /// A request to a process.
@@ -153,7 +153,7 @@ pub fn unpacked(bytes: &[u8]) -> Result<(SchemaRef, Vec<RecordBatch>), ArrowErro
 /// The same in text.
 ///
 /// # Errors
-/// As [`packed`].
+/// The same as [`packed`].
 pub fn spelt(schema: &Schema, batch: Option<&RecordBatch>) -> Result<String, ArrowError> {
     Ok(BASE64_STANDARD.encode(packed(schema, batch)?))
 }
@@ -212,7 +212,7 @@ fn answered(question: &Question, send: &mut Send) -> Result<(), Fault> {
     runtime.worker_threads(threads).max_blocking_threads(FILE_THREADS).thread_stack_size(WORKER_STACK).enable_all();
     let runtime = runtime.build().map_err(|e| Fault::machine(format!("cannot start threads: {e}")))?;
     deep::deep(|| {
-        // Threads that are still to come have their stacks beside it.
+        // The stacks of later threads are added to this limit.
         confine::limit_memory(question.most + FILE_THREADS * WORKER_STACK)?;
         runtime.block_on(rows(question, send))
     })?

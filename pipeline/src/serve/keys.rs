@@ -1,4 +1,4 @@
-//! What Flight SQL asks of the keys of tables.
+//! Answers to requests of Flight SQL for the keys of tables.
 
 use std::sync::Arc;
 

@@ -39,7 +39,7 @@ pub struct Settings {
     pub store: PathBuf,
     /// Where to listen; port 0 takes a free one.
     pub bind: SocketAddr,
-    /// What a client must know.
+    /// Token that a client must send.
     pub token: Option<Token>,
     /// Certificate chain and key, PEM.
     pub tls: Option<(Vec<u8>, Vec<u8>)>,
@@ -68,7 +68,7 @@ fn machine(what: &str, e: &dyn std::fmt::Display) -> Fault {
     Fault::machine(format!("{what}: {e}"))
 }
 
-/// Serves until `stop` is true, or its sender is gone. `started` is told the address.
+/// Serves until `stop` is true, or its sender is gone. `started` receives the address.
 ///
 /// # Errors
 /// Fails when the address cannot be listened at beyond this machine without a token, is taken, or the certificate or key
@@ -92,7 +92,7 @@ pub fn serve(settings: Settings, started: impl FnOnce(SocketAddr), stop: watch::
     let processes = queries.processes();
     let done = connections.block_on(listen(settings, queries, started, stop));
     processes.end();
-    // What still runs has no one to answer.
+    // The clients of running queries are gone.
     computing.shutdown_background();
     connections.shutdown_background();
     done

@@ -14,7 +14,7 @@ use datafusion::{
 };
 use schemas::Fault;
 
-/// `query` with `$1`, `$2`, ... for each `?` that stands for a parameter, in the order of the text.
+/// Returns `query` with `$1`, `$2`, ... for each parameter `?`, in the order of the text.
 ///
 /// # Errors
 /// Fails where both are used.
@@ -22,7 +22,7 @@ pub fn numbered(query: &str) -> Result<String, Fault> {
     if !query.contains('?') {
         return Ok(query.to_owned());
     }
-    // What is no SQL is left as it is: its fault is found when it is planned.
+    // Text that is not SQL stays unchanged: planning reports its fault.
     let Ok(tokens) = Tokenizer::new(&GenericDialect {}, query).tokenize_with_location() else {
         return Ok(query.to_owned());
     };
@@ -54,7 +54,7 @@ fn number(name: &str) -> Option<usize> {
     name.strip_prefix('$')?.parse().ok()
 }
 
-/// The parameters of a plan that have no value, in their order; the type `Null` stands for one that is not known.
+/// Parameters of a plan without a value, in their order; an unknown type is `Null`.
 pub fn open(plan: &LogicalPlan) -> Schema {
     let types = plan.get_parameter_types().unwrap_or_default();
     let mut found: Vec<(String, Option<DataType>)> = types.into_iter().collect();

@@ -35,7 +35,7 @@ use crate::{
 
 /// The interval of looking at the memory of a query.
 const LOOKS_EVERY: Duration = Duration::from_millis(20);
-/// Memory of a process by itself: its program, its threads.
+/// Memory of a process without queries: its program, its threads.
 const OWN: usize = 64 << 20;
 /// Queries that wait for their turn; more are refused at once.
 const MOST_WAITING: usize = 256;
@@ -135,7 +135,7 @@ impl Processes {
     /// The columns of a query, and its rows as they come.
     ///
     /// # Errors
-    /// As [`Processes::plan`].
+    /// The same as [`Processes::plan`].
     pub async fn answer(&self, asked: Asked) -> Result<(Head, Reader), Status> {
         self.begin(asked, true).await
     }

@@ -37,7 +37,7 @@ pub struct Planned {
     asked: Asked,
     /// Its columns.
     pub schema: SchemaRef,
-    /// Its open parameters in their order; the type `Null` stands for one that is not known.
+    /// Its open parameters in their order; an unknown type is `Null`.
     pub parameters: SchemaRef,
 }
 
@@ -105,7 +105,7 @@ pub struct Queries {
     tables: Arc<Tables>,
     processes: Processes,
     runtime: Handle,
-    /// What this server's handles begin with: those of a server before it stand for nothing here.
+    /// Prefix of this server's handles. The handles of an earlier server are invalid here.
     own: Uuid,
     next: AtomicU64,
     planned: Mutex<BTreeMap<u64, (Instant, Arc<Planned>)>>,
@@ -116,7 +116,7 @@ fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// A fault as a client is told it.
+/// Status that reports a fault to a client.
 pub fn told(fault: &Fault) -> Status {
     let text = fault.to_string();
     if fault.owner.is_lasting() { Status::invalid_argument(text) } else { Status::internal(text) }

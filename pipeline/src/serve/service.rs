@@ -1,4 +1,4 @@
-//! Flight SQL over the queries of a store: what there is, statements, prepared statements. Whatever writes is refused.
+//! Flight SQL over the queries of a store: catalogue, statements, prepared statements. All writes are rejected.
 
 use std::{pin::Pin, sync::Arc};
 
@@ -53,7 +53,7 @@ fn refused() -> Status {
     Status::permission_denied("rejected: the store is read-only; use SELECT")
 }
 
-/// How to come by the rows that `ticket` stands for.
+/// Flight information for fetching the rows of `ticket`.
 fn info(request: Request<FlightDescriptor>, schema: &Schema, ticket: Vec<u8>) -> Result<Response<FlightInfo>, Status> {
     let endpoint = FlightEndpoint::new().with_ticket(Ticket { ticket: ticket.into() });
     let info = FlightInfo::new().try_with_schema(schema).map_err(|e| broken(&e))?;
@@ -81,7 +81,7 @@ fn spelt(schema: &Schema) -> Result<bytes::Bytes, Status> {
     message.map(|IpcMessage(bytes)| bytes).map_err(|e| broken(&e))
 }
 
-/// What this server is.
+/// Description of this server.
 fn sql_info() -> Result<SqlInfoData, Status> {
     let mut about = SqlInfoDataBuilder::new();
     about.append(SqlInfo::FlightSqlServerName, "magline");
@@ -134,7 +134,7 @@ fn types() -> Result<XdbcTypeInfoData, Status> {
 }
 
 impl Service {
-    /// Of these queries; whoever has the token gets it back from a handshake.
+    /// Service for these queries. A client that sends the token receives it back from a handshake.
     pub fn new(queries: Queries, token: Option<Token>) -> Service {
         Service { queries, token }
     }

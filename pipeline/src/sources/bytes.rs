@@ -16,9 +16,9 @@ use crate::{keys::Key, store::Store};
 /// A file or folder, and the key of its bytes.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Bytes {
-    /// As the spec names it.
+    /// Path as the spec gives it.
     pub path: PathBuf,
-    /// Of all its bytes.
+    /// Hash of all its bytes.
     pub hash: Key,
 }
 
@@ -29,7 +29,8 @@ pub struct Trust<'a> {
     pub store: Option<&'a Path>,
     /// Whether the bytes of every file are read, even where it looks unchanged.
     pub read_all: bool,
-    /// Files that were written to less than so long ago are left out: someone may still be writing them.
+    /// Minimum time since the last change of a file. Newer files are skipped, because another program may still write
+    /// them.
     pub settle: Option<Duration>,
 }
 
@@ -113,7 +114,7 @@ impl Seen {
         seen.still_is_of(path).then_some(seen)
     }
 
-    /// As if the file had been read much later.
+    /// Simulates a much later time of reading.
     #[cfg(test)]
     pub(super) fn older(mut self) -> Seen {
         self.at_ns += 10 * RACY_NS;

@@ -57,7 +57,7 @@ pub struct Export<'a> {
     pub input: &'a Path,
     /// How it is read.
     pub options: FlightOptions,
-    /// What its columns mean.
+    /// Meaning of its columns.
     pub mapped: Option<Mapped>,
     /// Its lines, where they are not the log's own.
     pub lines: Option<&'a LineTable>,
@@ -65,7 +65,7 @@ pub struct Export<'a> {
     pub folder: PathBuf,
     /// The name of the file there, without its extension.
     pub name: String,
-    /// Whether each flight has a folder `flight=...` of its own, which stands for the column.
+    /// Whether each flight has a separate folder `flight=...`, which replaces the column.
     pub hive: bool,
     /// Whether files of other data are replaced.
     pub replace: bool,
@@ -88,13 +88,13 @@ pub struct LineOf {
     pub tt: (f64, f64),
     /// The year and day of the year of its first sample, where they are known.
     pub date: Option<(i64, i64)>,
-    /// What makes it unusable; it is then not written.
+    /// Faults that make it unusable; it is then not written.
     pub faults: Vec<Fault>,
     /// The figures of its columns.
     pub measures: Vec<Measure>,
 }
 
-/// What came of a log.
+/// Outcome of a log.
 #[derive(Debug)]
 pub struct Exported {
     /// The format it was read in.
@@ -269,7 +269,7 @@ impl Export<'_> {
         open: &mut BTreeMap<String, Open>,
     ) -> Result<(), Fault> {
         let own = if self.hive { flight } else { "" };
-        // Of a folder `flight=...` the column is the folder's name.
+        // In a folder `flight=...` the name of the folder replaces the column.
         let columns: Vec<usize> = (usize::from(self.hive)..batch.num_columns()).collect();
         let batch = batch.project(&columns).map_err(|e| Fault::data(e.to_string()))?;
         if !open.contains_key(own) {
@@ -304,7 +304,7 @@ impl Export<'_> {
         Ok((files, unchanged))
     }
 
-    /// Writes the figures beside the files.
+    /// Writes the figures next to the data files.
     fn quality(&self, lines: &[LineOf], from: Key) -> Result<PathBuf, Fault> {
         let rows: Vec<(&str, &str, &Measure)> = lines
             .iter()
@@ -322,7 +322,7 @@ impl Export<'_> {
             writer.into_inner().map_err(failed)?.sync_all().map_err(|e| cannot_write(&target, &e))
         });
         written?;
-        // They follow from the data beside them, whose name is settled.
+        // The figures depend on the data files, whose names are final.
         settle(&path, &target, true, from)?;
         Ok(target)
     }
@@ -360,7 +360,7 @@ fn settle(path: &Path, target: &Path, replace: bool, from: Key) -> Result<bool, 
     Ok(false)
 }
 
-/// What a file says it was made from.
+/// Key of the inputs that a file records.
 fn made_from(path: &Path) -> Option<Key> {
     let reader = SerializedFileReader::new(File::open(path).ok()?).ok()?;
     let pairs = reader.metadata().file_metadata().key_value_metadata()?.clone();

@@ -1,4 +1,4 @@
-//! What an examination of data finds, and how a file names its columns.
+//! Results of an examination of data, and the names of columns in a file.
 
 use std::collections::BTreeMap;
 

@@ -16,7 +16,7 @@ use crate::{keys::Key, store::Store};
 pub(super) struct FlightFile {
     pub(super) path: PathBuf,
     pub(super) options: FlightOptions,
-    /// What its columns mean, where that is not what their names say.
+    /// Meaning of its columns, where it differs from their names.
     pub(super) mapped: Option<Mapped>,
     /// Returns its inputs, where its values are computed from others.
     pub(super) made_from: Option<SayMadeFrom>,

@@ -53,7 +53,7 @@ pub(super) fn in_order<I: Send, O: Send, E: Send>(
                 if i - results < most {
                     break;
                 }
-                // Of one thread it has to be this one that works.
+                // With a single thread, this thread has to do the work.
                 if rayon::yield_now() != Some(rayon::Yield::Executed) {
                     let now = locked(&state);
                     if now.results.len() == results {

@@ -215,7 +215,7 @@ type LineTick<'a> = &'a dyn Fn(bool, usize, Option<usize>);
 struct How<'a> {
     /// The number of lines of a file that are processed in parallel.
     threads: usize,
-    /// Whether the bytes of each file are read, whatever is cached.
+    /// Whether the bytes of each file are read even if they are cached.
     read_all: bool,
     /// How flights are divided, in place of the lines of the file.
     division: Option<&'a Division>,

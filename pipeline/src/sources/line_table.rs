@@ -15,7 +15,7 @@ use crate::keys::Key;
 
 /// The columns of the table.
 const COLUMNS: [&str; 4] = ["flight", "line", "t_start", "t_end"];
-/// As many lines are named one by one.
+/// Maximum number of lines listed by name.
 const NAMED: usize = 5;
 
 /// A line: from its first to its last time, both of them its own.
@@ -36,7 +36,7 @@ pub enum Division {
 }
 
 impl Division {
-    /// What depends on it depends on this.
+    /// Key for everything that depends on the division.
     pub fn key(&self) -> Key {
         match self {
             Division::Table(table) => table.key(),
@@ -123,7 +123,7 @@ impl LineTable {
         LineTable { label: label.to_owned(), spans: spans.collect() }
     }
 
-    /// What depends on it depends on this.
+    /// Key for everything that depends on the table.
     pub fn key(&self) -> Key {
         let spelt = self.spans.iter().flat_map(|(flight, spans)| {
             spans.iter().map(move |s| format!("{flight}\0{}\0{:?}\0{:?}", s.line, s.start_s, s.end_s))
@@ -171,7 +171,7 @@ impl LineTable {
         Err(fault.help("times must be in s past midnight UTC, like `tt` of the flights"))
     }
 
-    /// What is said of a file without a sample in any line.
+    /// Fault for a file without a sample in any line.
     pub fn none_of(&self, path: &Path) -> Fault {
         let what = format!("no sample is within a line of {}", self.label);
         Fault::data(what).in_file(&path.display().to_string()).help("check the flights and times of the table")

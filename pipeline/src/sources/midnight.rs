@@ -12,8 +12,8 @@ use schemas::Fault;
 
 const DAY_S: f64 = 86_400.0;
 
-/// How far from midnight a fall of the time may begin and end to be taken for midnight. A time stamp that goes back
-/// by anything else is an error of the log.
+/// Maximum distance from midnight at which a fall of the time may begin and end, s. Any other backward step of a time
+/// stamp is an error of the log.
 const NEAR_S: f64 = 3_600.0;
 
 /// A line of the flight table whose time falls from the end of the day to its start: `tt` keeps rising, and the
@@ -114,7 +114,7 @@ fn moved_on(year: Option<&[f64]>, doy: &[f64], days: &[i64]) -> Result<(Vec<f64>
     Ok((years, doys))
 }
 
-/// A date some days later, or earlier. Without a year, the last day of the year is taken for the 365th.
+/// Date some days later, or earlier. Without a year, the year has 365 days.
 fn after((mut year, mut doy): (Option<f64>, f64), days: i64) -> (Option<f64>, f64) {
     let length = |year: Option<f64>| year.map_or(365.0, |y| f64::from(days_in_year(y as i32)));
     doy += days as f64;

@@ -127,7 +127,7 @@ impl Flights {
     pub fn open_trusting(decl: &SourceDecl, folder: &std::path::Path, trust: Trust) -> Result<Flights, Vec<Fault>> {
         let placed = |f: Fault| f.at(decl.path.1.clone());
         let Files { options, mapped, lines } = flight_options(decl, folder)?;
-        // What is wrong with a mapping is shown at its place in the mapping.
+        // A fault in a mapping is shown at its place in the mapping.
         let shown = |f: &Fault| mapped.is_some() && mapping::is_shown(f);
         let any_name = decl.options.contains_key("format");
         let mut found = find(&decl.path.0, folder, any_name).map_err(|f| vec![placed(f)])?;
@@ -154,7 +154,7 @@ impl Flights {
         let (mut files, mut notes) = (vec![], Vec::from_iter(young.map(|what| format!("`{}`: {what}", decl.name))));
         let threads = threads_in_each(found.len());
         for path in found {
-            // What it names beside it is an object too.
+            // A second file that it names is an object too.
             if let Some(other) = mapped.as_ref().and_then(|m| m.beside(&path)) {
                 remote::beside(&other).map_err(|fault| vec![placed(fault)])?;
             }
@@ -236,7 +236,7 @@ fn merge(
     }
 }
 
-/// What a table of files without flight lines holds.
+/// Content of a table of files without flight lines.
 enum Content {
     /// A map.
     Map {
@@ -304,7 +304,7 @@ impl MapSource {
         Ok(MapSource { name: decl.name.clone(), path: PathBuf::new(), read_all: false, content })
     }
 
-    /// What it holds, in a word.
+    /// Name of its content.
     pub fn word(&self) -> &'static str {
         match self.content {
             Content::Map { .. } => "map",
@@ -317,7 +317,7 @@ impl MapSource {
         matches!(self.content, Content::Map { error: true, .. })
     }
 
-    /// What a model is to a stage; `None` of a map: all that give an error are alike, and all others.
+    /// Model for a stage; `None` for a map. All contents that give an error are equal, and all others are.
     pub fn model(&self) -> Option<Table> {
         match &self.content {
             Content::Map { .. } => None,

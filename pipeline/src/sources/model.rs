@@ -52,7 +52,7 @@ impl ModelTable {
         Ok(ModelTable { condition, features, schema })
     }
 
-    /// What it is to a stage.
+    /// Description of the model for a stage.
     pub fn table(&self) -> Table {
         Table::Model { shape: Shape::of(&self.schema), features: self.features.clone() }
     }

@@ -28,7 +28,8 @@ params! {
 }
 
 params! {
-    /// The table of a model, besides `where`: an SQL condition on its columns that selects one model of several.
+    /// The table of a model. The separate key `where` is an SQL condition on its columns that selects one model of
+    /// several.
     pub struct ModelOptions, all default;
     /// The columns that the model requires in a line, as the `features` of its fit.
     features: Vec<String>, unit "", default ["tl"].map(String::from);
@@ -38,7 +39,7 @@ params! {
 pub struct Files {
     /// Names, units, keys.
     pub options: FlightOptions,
-    /// What columns mean.
+    /// Meaning of the columns.
     pub mapped: Option<Mapped>,
     /// How they are divided, where not into their own lines.
     pub lines: Option<Division>,
@@ -99,7 +100,7 @@ pub fn flight_options(decl: &SourceDecl, folder: &Path) -> Result<Files, Vec<Fau
     if !taken.is_empty() {
         return Err(taken);
     }
-    // What is wrong with the text of a mapping is shown at its own place.
+    // A fault in the text of a mapping is shown at its own place.
     let mapping = Mapping::load(&name, folder).map_err(|f| vec![if is_shown(&f) { f } else { at(f, "mapping") }])?;
     let key = if table.is_some() { "table" } else { "mapping" };
     let mapped = Arc::new(mapping).table(table.as_deref()).map_err(|f| vec![at(f, key)])?;

@@ -54,7 +54,7 @@ pub fn examine(batch: &RecordBatch, origins: &Origins, accept: &[Accept]) -> Res
     line.vectors(&schema, accepted);
     let Line { columns, mut findings, mut faults, .. } = line;
     let batch = RecordBatch::try_new(schema, columns).map_err(|e| Fault::data(e.to_string()))?;
-    // A value that is impossible by itself also contradicts others: it is reported once.
+    // An impossible value also contradicts others: it is reported once.
     let faulty: Vec<String> = faults.iter().filter_map(|f| f.place.column.clone()).collect();
     for (fault, finding) in consistency::contradictions(&batch, &faulty, origins) {
         findings.push(finding);

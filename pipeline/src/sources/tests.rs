@@ -1,4 +1,4 @@
-//! Files read into a store: once, whatever the threads, and again when the store's notes of them are damaged.
+//! Files read into a store: once for any number of threads, and again when the store's notes of them are damaged.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
@@ -33,7 +33,7 @@ fn written(folder: &Path, flight: &str, lines: usize) {
     fs::write(folder.join("logs").join(format!("{flight}.csv")), text).unwrap();
 }
 
-/// What comes of the lines, and what was told of the last file meanwhile.
+/// Lines that were ingested, and the progress events of the last file.
 fn ingested(folder: &Path, store: &Store, threads: usize) -> (String, Vec<usize>) {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
     pool.install(|| {

@@ -10,19 +10,19 @@ use super::literal;
 
 /// More values than this are more likely a slip than a wish.
 const MOST_VALUES: u128 = 100_000;
-/// So many entries may all subsets of an axis have together.
+/// Maximum total number of entries over all subsets of an axis.
 const MOST_ENTRIES: u128 = 5_000_000;
 const SUBSET_KEYS: [&str; 3] = ["subsets_of", "at_least", "up_to"];
 
 /// The values of the axis `name`: a list, one value, or `{ subsets_of = [...], at_least = 1, up_to = 2 }`.
 ///
-/// A value may itself be a list of texts or numbers: `"$axis"` then stands for that list where a parameter takes one,
-/// and adds its entries where it stands among others: `features = ["$terms", "mag_3_uc"]`. Its key column holds text,
-/// the entries joined by `+`. `subsets_of` makes all lists of `at_least` to `up_to` of its entries, the short ones first
-/// and each in the order given; an entry that is a list is taken or left as a whole.
+/// A value may itself be a list of texts or numbers. `"$axis"` is then replaced by that list where a parameter takes
+/// one, or by its entries inside another list: `features = ["$terms", "mag_3_uc"]`. Its key column holds text, the
+/// entries joined by `+`. `subsets_of` makes all lists of `at_least` to `up_to` of its entries, the short ones first
+/// and each in the given order. An entry that is a list is included or omitted as a whole.
 ///
 /// # Errors
-/// What is wrong with them, each at the value it concerns.
+/// Faults of the values, each at the value it concerns.
 pub fn values(name: &str, value: &Spanned<DeValue>) -> Result<Vec<Literal>, Vec<Fault>> {
     let (values, places) = match value.get_ref() {
         DeValue::Table(table) => {
@@ -76,7 +76,7 @@ fn mixed(values: &[Literal]) -> Option<(usize, String)> {
     Some((i, format!("mixes a {} with a {}", values[0].type_name(), values[i].type_name())))
 }
 
-/// Whole numbers beside fractions become fractions.
+/// Converts integers to fractions in a list that has fractions.
 fn one_type(values: Vec<Literal>) -> Vec<Literal> {
     if !values.iter().any(|v| matches!(v, Literal::Float(_))) {
         return values;

@@ -45,7 +45,7 @@ pub struct Scored {
     pub promoted: bool,
 }
 
-/// What became of a trial at a rung.
+/// Outcome of a trial at a rung.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fate {
     /// It has a goal, and there is no further rung.
@@ -71,7 +71,7 @@ impl Fate {
 }
 
 impl Scored {
-    /// What became of it in `search`.
+    /// Outcome of the trial in `search`.
     pub fn fate(&self, search: &Search) -> Fate {
         match self.cost {
             None => Fate::Failed,
@@ -86,7 +86,7 @@ impl Scored {
 #[derive(Clone, Debug)]
 pub struct Course<'a> {
     search: &'a Search,
-    /// What was computed, in that order.
+    /// Computed trials, in that order.
     done: Vec<Scored>,
     /// The next rows.
     next: Vec<Row>,
@@ -107,7 +107,7 @@ impl<'a> Course<'a> {
         &self.next
     }
 
-    /// What was computed so far.
+    /// Computed trials so far.
     pub fn done(&self) -> &[Scored] {
         &self.done
     }

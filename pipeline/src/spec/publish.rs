@@ -1,5 +1,5 @@
-//! What a spec says for others: the facts of a published data set (`[publish]`), and which tables and columns must not
-//! leave the house (`restricted`, `embargo`).
+//! Parts of a spec that concern publication: the facts of a published data set (`[publish]`), and the tables and
+//! columns that must stay in the organisation (`restricted`, `embargo`).
 
 use std::ops::Range;
 
@@ -72,7 +72,7 @@ params! {
     limits: Option<String>, unit "", default None, absent "not provided";
 }
 
-/// What must be written where the table is missing.
+/// Text to write where the table is missing.
 pub const EXAMPLE: &str = "write\n\
     [publish]\n\
     title       = \"...\"\n\
@@ -99,7 +99,7 @@ pub fn read_facts(section: &Section) -> Result<PublishFacts, Vec<Fault>> {
     facts.filter(|_| faults.is_empty()).ok_or(faults)
 }
 
-/// What the types do not tell: the key, and what is wrong with it.
+/// Faults that the types cannot detect: the key and the fault.
 fn wrong(facts: &PublishFacts) -> Vec<(&'static str, Fault)> {
     let mut found = vec![];
     let mut blank = |key: &'static str, text: &str| {
@@ -292,12 +292,12 @@ impl Protection {
         if faults.is_empty() { Ok(read) } else { Err(faults) }
     }
 
-    /// What is restricted today.
+    /// Current restrictions.
     pub fn now(&self) -> Restricted {
         self.on(clock::now().get(..10).unwrap_or_default())
     }
 
-    /// What is restricted on the day `today`, `YYYY-MM-DD`: days of this form are ordered as texts are.
+    /// Restrictions on the day `today`, `YYYY-MM-DD`: days of this form sort as texts.
     fn on(&self, today: &str) -> Restricted {
         match &self.embargo {
             Some(day) if today >= day.as_str() => Restricted::None,

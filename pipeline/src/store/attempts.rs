@@ -1,10 +1,10 @@
 //! The workers that are computing a unit, or were lost while they did.
 //!
-//! An attempt at some units, which a worker computes together, is a file `attempts/<name>`, that says where and when, and then
-//! the keys of the units, one a line. It is removed when the units have their answers, and when the worker is told to stop; so
-//! what is left over is of workers that were killed, by one of the units or by others. Where the worker lives and a unit has
-//! no answer all the same, as after a panic, the file stays, with this unit alone, and says why. The files are not synced to
-//! the disk: a loss of power is not the fault of a unit.
+//! An attempt at some units, which a worker computes together, is a file `attempts/<name>`. It gives host and time, and
+//! then the keys of the units, one a line. The worker removes it when the units have their answers, and on a stop
+//! signal. A file that remains thus belongs to a killed worker; one of its units or another cause killed it. If the
+//! worker survives and a unit has no answer, as after a panic, the file stays with this unit alone and the reason. The
+//! files are not synced to the disk, because a loss of power is not the fault of a unit.
 //!
 //! In an object store it is an object for every 24 units, `attempts/<name>-<marks>`. The marks are the first digits of
 //! the keys, so that one listing tells a worker which objects may be about its units, and it reads no others.
@@ -54,7 +54,7 @@ impl Marker {
     }
 
     fn remove(&self) {
-        // What cannot be removed counts as an attempt that was lost, which costs one of those that the unit has.
+        // An attempt that cannot be removed counts as lost, which uses up one attempt of the unit.
         match self {
             Marker::File(file) => drop(fs::remove_file(file)),
             Marker::Object(remote, key) => drop(remote.bucket().remove(key)),
@@ -87,7 +87,7 @@ pub fn withdraw() {
     all.iter().for_each(Marker::remove);
 }
 
-/// What is before the words that say why a unit has no answer.
+/// Prefix of the reason why a unit has no answer.
 const WHY: &str = "failed: ";
 
 /// An attempt to compute some units.
@@ -124,7 +124,7 @@ pub struct Tries {
     pub lost: usize,
     /// Workers that lived.
     pub failed: usize,
-    /// What one of those said.
+    /// Reason of one of those.
     pub why: Option<String>,
 }
 
@@ -178,14 +178,14 @@ fn may_be_of(name: &str, marks: &HashSet<String>) -> bool {
 
 /// The texts of the attempts in an object store, of those whose names are `wanted`.
 fn in_objects(remote: &Remote, wanted: impl Fn(&str) -> bool) -> Vec<String> {
-    // What cannot be read now is read when the next units begin; the others count all the same.
+    // Unreadable attempts are read when the next units begin; the others count.
     let all = remote.bucket().list(FOLDER).unwrap_or_default();
     let names: Vec<String> = all.into_iter().map(|object| object.key).filter(|name| wanted(name)).collect();
     let found = each(&names, |name| Ok(remote.bucket().get(name).ok().flatten())).unwrap_or_default();
     found.into_iter().flatten().map(|bytes| String::from_utf8_lossy(&bytes).into_owned()).collect()
 }
 
-/// What is left of the text of an attempt without the units that are `done`; nothing where it is `old`.
+/// Text of an attempt without the units that are `done`; empty where it is `old`.
 fn left_of(text: &str, old: bool, done: &dyn Fn(Key) -> bool) -> String {
     let is_left = |line: &&str| unit(line).is_some_and(|(key, _)| !old && !done(key));
     let left: Vec<&str> = text.lines().skip(1).filter(is_left).collect();
@@ -266,7 +266,7 @@ impl Store {
     /// Removes the attempts at units that are `done`, and those as old as `older_than`.
     pub fn drop_attempts(&self, done: impl Fn(Key) -> bool, older_than: Option<Duration>) {
         if let Some(remote) = self.remote() {
-            // What stays is removed another time.
+            // Remaining files are removed later.
             let _ = drop_objects(remote, &done, older_than);
             return;
         }
@@ -324,7 +324,7 @@ mod tests {
         first.end(&store, &none);
         let lost = Tries { lost: 1, ..Tries::default() };
         assert_eq!(store.attempts(), HashMap::from([(one, lost.clone()), (two, lost.clone())]));
-        // Of two units one fails and the worker lives.
+        // One of two units fails, and the worker survives.
         second.end(&store, &HashMap::from([(one, &Fault::bug("a\npanic"))]));
         let tries = store.attempts_at(&[two, one]);
         assert_eq!((tries[0].all(), tries[1].lost, tries[1].failed), (0, 0, 1));

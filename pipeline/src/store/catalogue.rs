@@ -1,7 +1,7 @@
 //! The packs of a store, and the units in each.
 //!
-//! The footer of a pack lists its contents; the file `index` only saves reading all footers again. It is checked
-//! as a whole, and against size and time of each pack; whatever does not agree is read from the packs.
+//! The footer of a pack lists its contents; the file `index` only avoids reading all footers again. The index is
+//! checked as a whole, and against size and time of each pack. Entries that disagree are read from the packs.
 
 use std::{
     collections::{HashMap, HashSet},

@@ -1,4 +1,4 @@
-//! The state of units that take minutes, so that a run that is killed goes on where it was.
+//! State of units that take minutes, so that a killed run resumes.
 //!
 //! Each is a file of its own, named by the key of its unit: the hash of the state, then the state. One that does not
 //! verify is ignored, since it only saves time.
@@ -54,13 +54,13 @@ impl Store {
     /// `older_than`.
     pub fn drop_checkpoints(&self, done: impl Fn(&str) -> bool, older_than: Option<Duration>) {
         if let Some(remote) = self.remote() {
-            // What stays is removed another time.
+            // Remaining objects are removed later.
             let _ = remote.drop_objects(FOLDER, &|name, age| done(name) || older_than.is_some_and(|than| age >= than));
         }
         for file in fs::read_dir(self.root().join(FOLDER)).into_iter().flatten().flatten() {
             let old = || older_than.is_some_and(|than| is_old(&file.path(), than));
             if file.file_name().to_str().is_some_and(&done) || old() {
-                // What stays is removed another time.
+                // Remaining files are removed later.
                 let _ = fs::remove_file(file.path());
             }
         }

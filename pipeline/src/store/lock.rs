@@ -131,7 +131,7 @@ pub struct Held {
 }
 
 impl Held {
-    /// What a user is told of it.
+    /// Message for the user.
     pub fn told(&self, pipeline: &str, root: &Path) -> String {
         let by = self.holder.as_ref().map(|h| format!(": {h}")).unwrap_or_default();
         let sign = self.silent.map(|s| format!(" (lease last renewed {} s ago)", s.as_secs())).unwrap_or_default();
@@ -315,7 +315,8 @@ impl Drop for Publisher {
         *self.heart.shared.over.lock().unwrap_or_else(PoisonError::into_inner) = true;
         self.heart.shared.wake.notify_all();
         self.heart.thread.take().into_iter().for_each(|t| drop(t.join()));
-        // Of the same length, so that it is one write. Where it fails the lease is over when it is old.
+        // The text has the same length, so that one write is enough. If the write fails, the lease ends when it
+        // expires.
         let free = self.text.replace("\"free\":false", "\"free\":true ");
         let _ = self.heart.file.write_all_at(free.as_bytes(), 0).and_then(|()| self.heart.file.sync_all());
     }
@@ -354,7 +355,7 @@ impl Store {
         let folder = self.root().join("locks");
         let path = folder.join(format!("{pipeline}.lock"));
         let fail = |e: &dyn fmt::Display| trouble("lock", &path, e);
-        // What is there is not emptied: only the lock counts.
+        // The file is not truncated: only the lock counts.
         let options = File::options().write(true).create(true).truncate(false).clone();
         let lock = own_file(self.root(), &path, &options).map_err(|e| fail(&e))?;
         match lock.try_lock() {
@@ -386,7 +387,7 @@ impl Store {
             return Ok(Lock::Held(self.held(&folder, pipeline)));
         }
         for older in known.iter().filter(|n| **n < number) {
-            // What stays is of a lower number, and removed another time.
+            // Remaining files have a lower number, and are removed later.
             let _ = fs::remove_file(folder.join(format!("{}{older}", prefix(pipeline))));
         }
         let heart = File::options()
@@ -491,7 +492,7 @@ mod tests {
         assert!(first.follows(before) && first.check().is_ok());
         let seen = held(two.lock("p").unwrap()).holder.unwrap();
         assert_eq!((seen.pid, seen.host), (std::process::id(), host()));
-        // What was read while it was held may be old when it is free.
+        // A reading that was made under the lock can be outdated when the lock is free.
         assert_eq!(generation(folder.path(), "p"), None);
         // Another pipeline is another lock.
         mine(two.lock("q").unwrap());
@@ -513,7 +514,7 @@ mod tests {
         foreign(folder.path(), 7, GONE_AFTER + Duration::from_secs(1));
         let taken = mine(store.lock("p").unwrap());
         assert_eq!(taken.number, 8);
-        // The one that was taken for gone comes back, takes the next number, and this one must not publish.
+        // The holder that seemed dead returns and takes the next number, so this one must not publish.
         foreign(folder.path(), 9, Duration::ZERO);
         let fault = taken.check().unwrap_err();
         assert!(fault.what.contains("now held by") && fault.what.contains("elsewhere"), "{}", fault.what);

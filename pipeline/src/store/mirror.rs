@@ -11,7 +11,7 @@ use schemas::Fault;
 use super::{Store, catalogue, make_folder, trouble};
 use crate::keys::Key;
 
-/// What is known of sources, which is read once.
+/// Stored facts about sources, which are read once.
 const SHARED: [&str; 2] = ["sources", "quality"];
 
 impl Store {

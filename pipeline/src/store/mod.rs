@@ -122,7 +122,7 @@ pub struct NewUnit {
     pub dress: u64,
     /// Its rows, in the schema of the pack; or why it cannot be computed.
     pub rows: Result<RecordBatch, Fault>,
-    /// What is said of it beside its rows.
+    /// Notes attached to the result: skipped lines and warnings.
     pub remarks: Remarks,
 }
 
@@ -235,7 +235,7 @@ impl Store {
                 self.shared.lock_shared().map_err(|e| trouble("lock", &self.root, &e))?;
                 Ok(None)
             }
-            // Without locks nobody knows who else is at work.
+            // Without locks, other processes cannot be detected.
             Err(fs::TryLockError::Error(e)) if e.kind() == io::ErrorKind::Unsupported => Ok(None),
             Err(fs::TryLockError::Error(e)) => Err(trouble("lock", &self.root, &e)),
         }
@@ -381,7 +381,7 @@ impl Store {
         self.settle(&tmp, &to)?;
         let about = fs::metadata(&to).map_err(|e| trouble("read", &to, &e))?;
         let (size, modified_ns) = stamp(&about);
-        // Of a copy the time says nothing.
+        // The modification time of a copy is meaningless.
         let modified_ns = if self.remote().is_some() { 0 } else { modified_ns };
         self.objects.add(Pack { id, size, modified_ns, kind, units: listed });
         Ok(())

@@ -36,20 +36,20 @@ pub struct Note {
     pub unit: usize,
     /// Why it could not be computed.
     pub failed: Option<NoteFault>,
-    /// Of a survey stage: the lines it skipped, and why.
+    /// Lines that a survey stage skipped, with the reasons.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub left_out: Vec<NoteFault>,
-    /// What is not to be trusted as it is, a sentence each.
+    /// Untrustworthy results, a sentence each.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<String>,
 }
 
-/// What is said of a unit beside its rows.
+/// Notes attached to the result of a unit.
 #[derive(Clone, Debug, Default)]
 pub struct Remarks {
-    /// Of a survey stage: the lines it skipped, and why.
+    /// Lines that a survey stage skipped, with the reasons.
     pub left_out: Vec<Fault>,
-    /// What is not to be trusted as it is, a sentence each.
+    /// Untrustworthy results, a sentence each.
     pub warnings: Vec<String>,
 }
 
@@ -210,7 +210,7 @@ impl Objects {
         if let Some(remote) = &self.remote {
             let mut unknown: Vec<Key> = remote.packs().unwrap_or_default().into_iter().map(|(id, _)| id).collect();
             unknown.retain(|id| self.catalogue().by_id(*id).is_none());
-            // What cannot be read is not known.
+            // Unreadable packs stay unknown.
             let _ = each(&unknown, |id| Ok(self.adopt(*id)));
             return;
         }
@@ -430,7 +430,7 @@ impl Objects {
         }
     }
 
-    /// What is said of the unit `key` beside its rows.
+    /// Notes attached to the result of the unit `key`.
     ///
     /// # Errors
     /// Fails when the store is damaged.

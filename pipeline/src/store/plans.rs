@@ -66,7 +66,7 @@ impl Store {
         for file in fs::read_dir(self.root().join(FOLDER)).into_iter().flatten().flatten() {
             let named = file.file_name().to_str().and_then(Key::parse).is_some();
             if named && is_old(&file.path(), older_than) {
-                // What stays is removed another time.
+                // Remaining files are removed later.
                 let _ = fs::remove_file(file.path());
             }
         }

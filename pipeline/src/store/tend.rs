@@ -93,7 +93,7 @@ pub struct Collected {
     pub damaged: usize,
     /// Folders that are kept because they contain files that magline did not write.
     pub foreign: Vec<PathBuf>,
-    /// Whether packs are kept because a run is at work.
+    /// Whether packs are kept because a run holds a lock.
     pub busy: bool,
 }
 
@@ -102,7 +102,7 @@ pub(super) fn is_old(path: &Path, than: Duration) -> bool {
     written.is_ok_and(|t| SystemTime::now().duration_since(t).is_ok_and(|age| age >= than))
 }
 
-/// What `gc` ends with where the list of a newest version, which tables are read from, is damaged: any pack may be one of its own.
+/// Error of `gc` where the list of a newest version is damaged: any pack may belong to that version.
 pub(super) fn packs_unknown(list: &dyn std::fmt::Display, remedy: &str) -> Fault {
     let help = format!("{remedy}: its tables are published again, then run `magline gc`");
     Fault::machine(format!("{list} is damaged, so its packs are unknown")).help(help)
@@ -197,7 +197,7 @@ pub fn unused(store: &Store) -> u64 {
     if store.is_copy() {
         return 0;
     }
-    // What cannot be looked up is reported by `gc`.
+    // Errors of this look-up are reported by `gc`.
     collect(store, Collect { keep: 1, older_than: Duration::ZERO, dry: true }).map_or(0, |found| found.bytes)
 }
 
@@ -237,7 +237,7 @@ fn drop_version(folder: &Path) -> io::Result<bool> {
 /// Removes a published pipeline, or one table of it; computed results stay until `gc`.
 ///
 /// # Errors
-/// Fails when it does not exist, a run of the pipeline is at work, or the file system refuses.
+/// Fails when it does not exist, a run holds the lock of the pipeline, or the file system refuses.
 pub fn remove(store: &Store, pipeline: &str, table: Option<&str>) -> Result<(), Fault> {
     let root = store.root();
     let names = pipelines(root);

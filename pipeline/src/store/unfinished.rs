@@ -1,8 +1,8 @@
 //! Folders for files being written, one a process.
 //!
-//! A folder is named by its kernel (host and boot), its process and a number, and holds a lock that the process keeps. Locks
-//! are known to all processes of one kernel, whatever the file system; between hosts that share a folder they often are not.
-//! So a free lock says that a process of this kernel has ended, and nothing about those of another.
+//! The name of a folder consists of its kernel (host and boot), its process and a number. The folder holds a lock that
+//! the process keeps. All processes of one kernel see the locks on any file system; hosts that share a folder often do
+//! not. A free lock thus shows that a process of this kernel has ended, and gives no information about other kernels.
 
 use std::{
     fs::{self, File, TryLockError},
@@ -20,7 +20,7 @@ use super::{
     tend::{folders_of, is_old},
 };
 
-/// The age at which the folder of another kernel is taken for abandoned.
+/// Age at which the folder of another kernel is assumed to be abandoned.
 const ABANDONED: Duration = Duration::from_secs(30 * 86_400);
 /// The most characters of a host's name that are used.
 const LONGEST: usize = 40;

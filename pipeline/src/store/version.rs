@@ -266,8 +266,8 @@ pub fn versions(root: &Path, pipeline: &str) -> Vec<(u64, PathBuf)> {
 }
 
 impl Store {
-    /// Publishes `tables` and `beside` as the newest version, unless the newest version is equal. Returns
-    /// whether there is a new one. The tables `kept` stay as the version before has them.
+    /// Publishes `tables` and the reserved tables as the newest version, unless the newest version is equal. Returns
+    /// whether there is a new one. The tables `kept` stay as in the version before.
     ///
     /// # Errors
     /// Fails when the file system refuses; the version before stays the newest then.

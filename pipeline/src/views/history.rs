@@ -98,7 +98,7 @@ pub fn add(store: &Store, pipeline: &str, mut past_run: Past, snapshot: &Snapsho
     let refused = |e: io::Error| Fault::machine(format!("cannot write {}: {e}", path.display()));
     let options = fs::File::options().create(true).append(true).clone();
     if fs::symlink_metadata(&path).is_ok() {
-        // What a link leads to is neither written nor copied.
+        // The target of a link is neither written nor copied.
         own_file(root, &path, &options).map_err(refused)?;
     } else {
         // Its name has to come to the disk as well as its lines.
@@ -163,7 +163,7 @@ pub fn table(root: &Path, pipeline: Option<&str>) -> Result<String, Fault> {
     Ok(text::columns(&rows, 3))
 }
 
-/// What changed between two runs of a pipeline.
+/// Differences between two runs of a pipeline.
 ///
 /// # Errors
 /// Fails when a run does not exist, or its inputs are no longer known.

@@ -109,7 +109,7 @@ fn params(all: &[&ParamDoc]) -> String {
 
 fn metrics(entry: &Entry) -> String {
     let row = |Metric { name, unit, meaning, pool, better, .. }: &Metric| {
-        // What a survey stage makes is of all lines already.
+        // Results of a survey stage already cover all lines.
         let pool = if entry.grain == Grain::Line { pool.words() } else { String::new() };
         format!("| `{name}` | {unit} | {pool} | {} | {meaning} |\n", better.words())
     };

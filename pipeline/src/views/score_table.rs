@@ -34,7 +34,7 @@ pub fn render(scores: &Scores, width: usize, most: usize) -> String {
     text + &legend(scores, best, &left_out, most)
 }
 
-/// What of the scores is shown.
+/// Part of the scores that is shown.
 struct View<'a> {
     scores: &'a Scores,
     best: Option<usize>,
@@ -80,7 +80,7 @@ impl View<'_> {
         mark.to_owned() + if scores.is_all_in_sample(row) { "~" } else { "" }
     }
 
-    /// A value; one in sample among others that are not is marked by itself.
+    /// A value. An in-sample value in a row with other values is marked separately.
     fn cell(&self, row: usize, metric: usize) -> String {
         let scores = self.scores;
         let alone = scores.is_in_sample(row, metric) && !scores.is_all_in_sample(row);
@@ -98,7 +98,7 @@ impl View<'_> {
     fn least(&self) -> Option<usize> {
         let lead = self.scores.headline();
         let free = (0..self.metrics.len()).filter(|i| Some(self.metrics[*i]) != lead);
-        // Of two of one weight the one further right goes first.
+        // For equal weights, the one further right goes first.
         free.min_by_key(|i| (self.scores.metrics[self.metrics[*i]].shown.weight, std::cmp::Reverse(*i)))
     }
 }

@@ -8,7 +8,7 @@ use crate::{
     spec::{Fate, Scored, best},
 };
 
-/// As many trials without a goal are named.
+/// Maximum number of trials without a goal that are listed by name.
 const NAMED: usize = 10;
 
 /// The best of `trials` and those without a goal; empty where the plan has no search.

@@ -10,7 +10,7 @@ use crate::{
     store::Store,
 };
 
-/// What would be computed of `table`, and which parameter, line or input moved its key.
+/// Units of `table` that a run would compute, with the parameter, line or input that changed each key.
 ///
 /// # Errors
 /// Fails when the plan has no such table.

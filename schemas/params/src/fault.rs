@@ -1,4 +1,4 @@
-//! What went wrong, where, and the way out.
+//! Fault, its place, and the remedy.
 
 use std::{fmt, ops::Range};
 
@@ -46,9 +46,9 @@ pub struct Place {
 /// Something wrong, where it is, and what would mend it.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Fault {
-    /// What is wrong, one sentence, lower case.
+    /// Description of the fault: one sentence, lower case.
     pub what: String,
-    /// What to do next.
+    /// Remedy.
     pub help: Option<String>,
     /// Bytes of the spec it concerns.
     pub at: Option<Range<usize>>,

@@ -15,11 +15,11 @@ pub struct ParamDoc {
     pub unit: &'static str,
     /// The default in its canonical spelling; `None` where it must be given or may be left out.
     pub default: Option<String>,
-    /// What happens where a parameter without a default is left out; `None` where it must be given.
+    /// Behaviour of an unset parameter without a default; `None` where it is required.
     pub absent: Option<&'static str>,
-    /// What values are allowed, in words.
+    /// Permitted values, in words.
     pub rule: String,
-    /// What it does.
+    /// Effect of the parameter.
     pub doc: String,
     /// The [kinds](crate::Kind) whose key it is; empty for a key of all.
     pub owners: Vec<&'static str>,
@@ -46,7 +46,7 @@ impl ParamDoc {
 pub struct Param<'a, T> {
     /// The key.
     pub name: &'static str,
-    /// What its value must satisfy.
+    /// Condition on its value.
     pub rule: Rule,
     /// Its documentation, which helps where it is missing.
     pub doc: &'a [&'a str],
@@ -75,7 +75,7 @@ pub trait Params: Sized {
 
 /// Reads the keys of one table, and keeps all that is wrong with them.
 pub struct Reader<'a> {
-    /// What takes the keys, as messages call it: a stage, or a table.
+    /// Owner of the keys in messages: a stage, or a table.
     pub owner: &'a str,
     /// The lists of [kinds](crate::Kind) that values are chosen from.
     pub lists: &'a Lists,
@@ -85,7 +85,7 @@ pub struct Reader<'a> {
 }
 
 impl<'a> Reader<'a> {
-    /// Of the keys `args` of a table at the bytes `at`.
+    /// Reader of the keys `args` of a table at the bytes `at`.
     pub fn new(owner: &'a str, args: &'a Args, at: Option<Range<usize>>, lists: &'a Lists) -> Reader<'a> {
         Reader { owner, lists, args, at, faults: vec![] }
     }
@@ -305,7 +305,7 @@ pub fn collect_doc(lines: &[&str]) -> String {
     text
 }
 
-/// The words that a type allows by itself.
+/// Words that a type permits without a rule.
 #[doc(hidden)]
 pub fn words_rule<T: Value>() -> Rule {
     if T::WORDS.is_empty() { Rule::Any } else { Rule::OneOf(T::WORDS) }
@@ -323,7 +323,7 @@ pub fn first<T, const N: usize>(list: [T; N]) -> Option<T> {
     list.into_iter().next()
 }
 
-/// What is said of a parameter that has the default `_default` where it is left out: nothing more.
+/// Text for an unset parameter that has the default `_default`: none.
 #[doc(hidden)]
 pub const fn no_text(_default: &str) -> Option<&'static str> {
     None

@@ -4,10 +4,10 @@ use std::{any::Any, fmt, sync::Arc};
 
 use crate::{Fault, Literal, Param, ParamDoc, Params, Reader, Rule, Value};
 
-/// One of several things that a key chooses by name, with the keys that are its own. The keys stand beside the key that
-/// chooses it; a key of another one is refused, or has no say where it comes from an axis.
+/// One of several choices that a key selects by name, with keys that belong to it. These keys are in the same table as
+/// the key that selects it. A key of another choice is rejected, or has no effect where the choice comes from an axis.
 pub trait Kind: Send + Sync + 'static {
-    /// What a chosen one is, with its keys.
+    /// The selected choice, with its keys.
     type Keys: ?Sized + Send + Sync + 'static;
 
     /// The one that is meant where the key is left out; `None` where it must be given.
@@ -43,7 +43,7 @@ fn spelt<K: Kind>(kind: &K) -> String {
 
 /// The keys of a chosen one.
 pub struct Own<T: ?Sized> {
-    /// As it works with them.
+    /// Keys in the form that the choice uses.
     pub keys: Arc<T>,
     /// In their one spelling.
     pub spelt: Vec<(&'static str, String)>,
@@ -66,7 +66,7 @@ pub struct Kinds<K: 'static> {
 }
 
 impl<K: Kind> Kinds<K> {
-    /// Of a list.
+    /// Kinds from a list.
     pub fn new(all: Vec<&'static K>) -> Kinds<K> {
         let names = all.iter().map(|kind| kind.name()).collect();
         let own = |kind: &&K| kind.docs().iter().map(|d| d.name).chain(kind.takes().iter().copied()).collect();
@@ -82,7 +82,7 @@ impl<K: Kind> Kinds<K> {
         kinds
     }
 
-    /// What can be chosen, in words.
+    /// Possible choices, in words.
     fn words(&self) -> String {
         self.names.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ")
     }
@@ -244,7 +244,7 @@ pub struct Several<K: Kind> {
 }
 
 impl<K: Kind> Several<K> {
-    /// Of a list, all or those that are `named`.
+    /// Selection from a list: all, or those that are `named`.
     pub fn new(kinds: Arc<Kinds<K>>, named: Option<Vec<&'static K>>) -> Several<K> {
         Several { named, kinds }
     }

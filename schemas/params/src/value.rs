@@ -59,7 +59,7 @@ impl fmt::Display for Literal {
     }
 }
 
-/// What a parameter's value must satisfy beside its type.
+/// Condition on a parameter's value in addition to its type.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Rule {
     /// Anything of the type.
@@ -125,7 +125,7 @@ pub trait Value: Sized {
     /// The value of a literal, or `None` where the type does not fit.
     fn read(literal: &Literal) -> Option<Self>;
 
-    /// What stands for a parameter that is left out and has no default.
+    /// Value of an unset parameter without a default.
     fn absent() -> Option<Self> {
         None
     }
@@ -145,7 +145,7 @@ pub trait Value: Sized {
         reader.plain(param)
     }
 
-    /// What the reference says of it: one entry, unless the value brings keys of its own.
+    /// Documentation in the reference: one entry, unless the value has keys of its own.
     fn document(doc: ParamDoc, _lists: &Lists) -> Vec<ParamDoc> {
         vec![doc]
     }

@@ -9,7 +9,7 @@ model! {
     /// Source: van Houwelingen & le Cessie 1990, "Predictive value of statistical models", uniform shrinkage.
     UniformShrinkage = "uniform_shrinkage", version 1, scaling None, intercept false, made of Moments, choose [Given],
     takes [], example "shrinkage = 0.9";
-    /// What the coefficients are multiplied by.
+    /// Factor of the coefficients.
     shrinkage: f64, unit "1", default 1.0, rule Rule::Between(0.0, 1.0);
 }
 

@@ -93,7 +93,7 @@ fn counts(output: &Output) -> [u64; 4] {
     ["computed", "reused", "failed", "skipped"].map(of)
 }
 
-/// What becomes of each trouble where a worker is a process.
+/// Result of each fault where a worker is a process.
 const TROUBLES: [(&str, &str); 4] = [
     ("fault", "trouble was asked for"),
     ("panic", "the stage panicked (trouble was asked for)"),

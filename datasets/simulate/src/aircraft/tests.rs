@@ -218,7 +218,7 @@ fn law_a_component_that_is_off_is_exactly_zero() {
         for (name, values) in columns {
             assert!(values.iter().all(|x| *x == 0.0), "{name} with {component} off");
         }
-        // What is drawn for one component does not depend on another.
+        // The random values of one component do not depend on another.
         if !["gusts", "noise", "lag"].contains(component) {
             assert!(column(line, "part_noise_flux_a_x") == column(all, "part_noise_flux_a_x"), "{component}");
         }

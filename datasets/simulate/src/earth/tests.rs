@@ -91,7 +91,7 @@ fn law_the_maps_field_is_that_of_the_sources_below_it() {
         let exact: Vec<_> = places.iter().map(|(lat, lon, alt)| field_ned_nt(&sources, *lat, *lon, *alt)).collect();
         let errors: Vec<_> = found.iter().zip(&exact).map(|(a, b)| a - b).collect();
         let relative = rms(errors.iter()) / rms(exact.iter());
-        // What is past the edges of the map is not known to it: more so higher up.
+        // The map excludes the field past its edges, which matters more at greater heights.
         assert!(relative < most, "{alt_m} m: {relative}");
     }
 }

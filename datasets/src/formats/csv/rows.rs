@@ -68,7 +68,7 @@ impl Column {
 
 /// The fault of a row.
 pub(super) struct Wrong {
-    /// Of the block, from 0.
+    /// Row within the block, from 0.
     pub(super) row: usize,
     /// Newlines of the block before it.
     pub(super) newlines: u64,

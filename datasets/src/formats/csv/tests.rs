@@ -10,7 +10,7 @@ use tempfile::TempDir;
 
 use super::*;
 
-/// What a reader makes of a file: the notes, one text for each cell, what is wrong with single rows, and the end.
+/// Result of reading a file: the notes, one text for each cell, the faults of single rows, and the end.
 #[derive(Debug, PartialEq, Default)]
 struct Told {
     notes: Vec<String>,
@@ -257,7 +257,7 @@ const CELLS: [&[u8]; 44] = [
     b"\xc3\x9cbung",
 ];
 
-/// A file of some columns and rows, with whatever may be odd about it.
+/// A random file of some columns and rows, with oddities.
 fn drawn(draw: &mut Draw) -> Vec<u8> {
     let ends: &[u8] = draw.of(&[b"\n".as_slice(), b"\n", b"\r\n", b"\r"]);
     let from = draw.below(3);
@@ -359,7 +359,7 @@ fn unit_what_was_found_is_read_back_and_nothing_else() {
     assert_eq!(Scan::parse(&found, 4), None);
     for cut in 0..found.len() {
         if let Some(scan) = Scan::parse(&found[..cut], 5) {
-            // What is cut off is the last value, which the records of the pipeline guard.
+            // The truncation removes the last value, which the records of the pipeline guard.
             assert!(found.starts_with(&scan.spelt()) && scan.kinds.len() == 5, "{cut}");
         }
     }

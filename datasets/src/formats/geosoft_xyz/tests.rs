@@ -7,7 +7,7 @@ use arrow_array::{Array, cast::AsArray, types::Int64Type};
 use super::super::{log_tests::numbers, open_flight, open_raw};
 use super::*;
 
-/// As the help of Oasis montaj describes the format.
+/// The format as described in the help of Oasis montaj.
 const EXPORT: &str = "/ ------------------------------------------------------------------------------\n\
     / XYZ EXPORT [06/29/2020]\n/ DATABASE   [.\\survey.gdb]\n\
     / ------------------------------------------------------------------------------\n\

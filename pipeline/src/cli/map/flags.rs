@@ -62,7 +62,7 @@ impl Flagged for MapContinue {
         MapContinue::entry()
     }
     const SPELLINGS: &'static [Spelling] = &[also("alpha_m2", &["alpha"])];
-    // Of which there may be several.
+    // Keys that may occur several times.
     const OWN: &'static [&'static str] = &["to_m"];
 }
 
@@ -178,7 +178,7 @@ impl<S: Flagged> StageFlags<S> {
     /// The stage with these parameters.
     ///
     /// # Errors
-    /// What the stage refuses, in the words of the command.
+    /// Fails for values that the stage rejects, in the words of the command.
     pub fn stage(&self) -> Result<S, Stop> {
         let first = |faults: Vec<Fault>| faults.into_iter().next().map_or_else(Fault::default, in_flags::<S>);
         let built = (S::declared().build)(&self.given).map_err(first)?;
@@ -188,7 +188,7 @@ impl<S: Flagged> StageFlags<S> {
     }
 }
 
-/// What a spec says in another way than a command.
+/// Terms of a spec, with their counterparts in commands.
 const TERMS: [(&str, &str); 6] = [
     ("`map_fill`", "`magline map fill`"),
     ("`map_continue`", "`magline map continue`"),

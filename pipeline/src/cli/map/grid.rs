@@ -149,7 +149,7 @@ fn append(all: &mut SurveyPoints, more: SurveyPoints) {
     all.height_m.extend(more.height_m);
     all.value_nt.extend(more.value_nt);
     all.row.extend(more.row);
-    // What only some of the files have is of no use.
+    // Columns that some of the files lack are dropped.
     let both = |a: &mut Option<Vec<f64>>, b: Option<Vec<f64>>| match (a.as_mut(), b) {
         (Some(a), Some(b)) => a.extend(b),
         _ => *a = None,
@@ -210,7 +210,7 @@ fn name_far(far: &[usize], points: &SurveyPoints, files: &[PathBuf], starts: &[u
     }
 }
 
-/// What levelling did.
+/// Report of levelling.
 fn told(levelled: &Levelled, names: &[String]) -> String {
     let row = |name: &str, m: &Merit| {
         format!("{name:<22} {:>10.3} {:>10.3} {:>8}\n", m.figure_of_merit_crossings, m.median_nt, m.n)
@@ -250,7 +250,7 @@ fn size(line: &LineCorrection) -> f64 {
     line.coefficients_nt.first().map_or(0.0, |c| c.abs())
 }
 
-/// What gridding did.
+/// Report of gridding.
 fn reported(grid: &PlaneGrid, r: &GridReport, points: &SurveyPoints, far: usize) -> String {
     let c = &r.cleaned;
     let spread = |s: &Spread| {

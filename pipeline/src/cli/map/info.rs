@@ -48,7 +48,7 @@ pub fn run(args: &InfoArgs) -> Result<(), Stop> {
                 })?;
             }
             Err(stop) => {
-                // The last error is told on the way out.
+                // The last error is reported on exit.
                 let before = std::mem::replace(&mut last, Err(stop));
                 if let Err(Stop::Wrong(text) | Stop::Failed(text)) = before {
                     tell(&text);

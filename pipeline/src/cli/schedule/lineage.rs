@@ -23,7 +23,7 @@ use crate::{
 const REQUEST: Duration = Duration::from_secs(5);
 /// The time between two tries.
 const AGAIN_AFTER: Duration = Duration::from_millis(500);
-/// So many events that could not be sent, one after another, end the sending.
+/// Number of consecutive unsent events after which sending ends.
 const ENOUGH: usize = 3;
 /// The longest that the end of a run waits for events that are still to be sent.
 const FLUSH: Duration = Duration::from_secs(15);

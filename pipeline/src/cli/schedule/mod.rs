@@ -1,4 +1,4 @@
-//! What a run that something else has started needs: a lock to wait for, limits, and files that say what came of it.
+//! Support for runs that another program starts: waiting for a lock, limits, and files that report the outcome.
 
 mod file;
 mod lineage;
@@ -35,7 +35,7 @@ pub const LOCKED: u8 = 3;
 /// The exit status of a run that its time limit stopped.
 pub const OUT_OF_TIME: u8 = 4;
 
-/// What a scheduler says of a run.
+/// Options of a scheduled run.
 #[derive(Args, Clone, Debug, Default)]
 pub struct ScheduleArgs {
     /// Wait for another run of the same pipeline in the same store, instead of failing. A duration such as `--wait=10m`
@@ -258,7 +258,7 @@ pub fn told_again(summary: &mut Summary, compared: Vec<crate::run::Compared>) {
     summary.compared = compared;
 }
 
-/// Watches a run, whatever ends it.
+/// Watches a run, for any kind of end.
 ///
 /// # Errors
 /// Fails for a file that cannot be written, or an address that cannot be sent to; nothing is run then.

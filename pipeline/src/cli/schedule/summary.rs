@@ -52,7 +52,7 @@ pub fn json(state: &State, end: &Ended) -> Value {
     })
 }
 
-/// What came of computing a table again.
+/// Outcome of the recomputation of a table.
 pub fn compared(one: &Compared) -> Value {
     json!({ "table": one.table, "units": one.units, "differ": one.differ.len() })
 }

@@ -68,13 +68,13 @@ impl Status {
 pub struct Ended<'a> {
     /// How it ended.
     pub status: Status,
-    /// What its user is told.
+    /// Message for the user.
     pub error: Option<String>,
     /// Its summary, where it came so far.
     pub summary: Option<&'a Summary>,
 }
 
-/// What is known of a run so far.
+/// State of a run.
 pub struct State {
     /// Its identifier, another for each.
     pub id: Uuid,
@@ -158,7 +158,7 @@ impl Watch {
         }
     }
 
-    /// What is to be run is known.
+    /// Records the plan of the run.
     pub fn planned(&self, plan: &Plan) {
         let mut state = self.state();
         state.pipeline = Some(plan.spec.name.clone());

@@ -35,7 +35,7 @@ const ANSWER: Duration = Duration::from_secs(5);
 /// The longest answer.
 const MOST_BYTES: usize = 64 << 20;
 
-/// What begins the name of each scheduler and worker, before its version.
+/// Prefix of the name of each scheduler and worker, followed by its version.
 const NAMED: &str = "magline-";
 
 /// The name of a scheduler or a worker, which says its version.
@@ -88,7 +88,7 @@ pub struct Seen {
 }
 
 impl Trouble {
-    /// What a user is told of it.
+    /// Fault for the user, with the cause and a remedy.
     pub fn fault(&self, authority: &str) -> Fault {
         match self {
             Trouble::Silent(why) => {
@@ -179,7 +179,7 @@ impl Scheduler {
     /// The scheduler and its workers.
     ///
     /// # Errors
-    /// As [`Scheduler::name`].
+    /// The same as [`Scheduler::name`].
     pub fn look(&self) -> Result<Seen, Trouble> {
         let mut seen = Seen { scheduler: self.name()?, ..Seen::default() };
         let workers = self.ask("executors")?;
@@ -212,7 +212,7 @@ impl Scheduler {
         tasks.filter_map(|task| task.get("status")).any(|status| status == "Running")
     }
 
-    /// Cancels a job. What cannot be cancelled ends by itself, and its results are kept.
+    /// Cancels a job. A job that cannot be cancelled runs to its end, and its results are kept.
     pub fn cancel(&self, job: &str) {
         let _ = self.request(http::Method::PATCH, &format!("job/{job}"));
     }

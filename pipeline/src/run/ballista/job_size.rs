@@ -13,9 +13,10 @@ pub const JOBS_A_CORE: usize = 2;
 /// The most tasks of a job.
 const MOST_TASKS: usize = 256;
 
-/// The number of tasks of the next job of a wave of `all` tasks, of which some are `waiting` and each takes `task_s` seconds. The work of
-/// a job is large beside its cost, and long enough for the scheduler to keep up with all cores. Towards the end of a wave jobs become smaller,
-/// down to the size at which their cost still is a small part of them; a wave with less work than that for each core is divided evenly.
+/// The number of tasks of the next job of a wave of `all` tasks, of which some are `waiting` and each takes `task_s`
+/// seconds. A job has enough work that its overhead is a small share and that the scheduler keeps up with all cores.
+/// Towards the end of a wave jobs become smaller, down to the size at which the overhead remains a small share. A wave
+/// with less work than that for each core is divided evenly.
 pub fn size(task_s: f64, all: usize, waiting: usize, cores: usize) -> usize {
     let of = |seconds: f64| (seconds / task_s.max(1e-6)).clamp(1.0, MOST_TASKS as f64) as usize;
     let wanted = of((JOB_S / MOST_BESIDE).max(SCHEDULING_S * cores as f64));

@@ -211,7 +211,7 @@ fn ed25519() -> Vec<u8> {
     der(0x30, &[&der(0x06, &[&[0x2b, 0x65, 0x70]])])
 }
 
-/// A certificate of a key by itself: X.509 version 3, without a date at which it ends.
+/// Self-signed certificate of a key: X.509 version 3, without an expiry date.
 fn certificate(key: &Ed25519SigningKey) -> Vec<u8> {
     let common_name = der(0x30, &[&der(0x06, &[&[0x55, 0x04, 0x03]]), &der(0x0c, &[NAME.as_bytes()])]);
     let name = der(0x30, &[&der(0x31, &[&common_name])]);

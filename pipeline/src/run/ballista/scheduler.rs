@@ -35,7 +35,7 @@ use super::{
 };
 use crate::{ports::Door, store::host};
 
-/// How often the scheduler looks for workers that are silent.
+/// Interval of the checks for silent workers.
 const LOOKS_EVERY: Duration = Duration::from_secs(5);
 /// The age at which what is kept of a job that is over is dropped.
 const KEPT: Duration = Duration::from_secs(60);
@@ -113,7 +113,7 @@ impl Listening {
         self.config.scheduler_endpoint()
     }
 
-    /// Answers until the process is told to stop.
+    /// Serves requests until the process receives a stop signal.
     ///
     /// # Errors
     /// Fails when Ballista does.

@@ -1,4 +1,4 @@
-//! What travels through Ballista: tasks in, receipts out, and the node of a plan between them.
+//! Messages that travel through Ballista: tasks, receipts, and the node of a plan that carries them.
 //!
 //! The leaf of a plan is a source in memory with tasks as rows, since Ballista cuts only leaves that it knows into the partitions
 //! of its tasks; the node above it has the same partitions. The scheduler decodes and encodes the node without computing
@@ -30,7 +30,7 @@ use futures::TryStreamExt;
 
 use crate::run::{children::Leash, task::VERSION};
 
-/// How long a worker process that is told to stop has to finish its unit.
+/// Time that a worker process has to finish its unit after a stop signal.
 const GRACE: Duration = Duration::from_secs(10);
 
 /// A task as it travels.
@@ -40,7 +40,7 @@ pub struct Handed {
     pub id: String,
     /// The wave: the tasks of a table in a run.
     pub wave: String,
-    /// How often a unit is tried again after its worker was lost.
+    /// Maximum number of retries of a unit whose worker was lost.
     pub retries: u64,
     /// The longest time of a unit, s; 0 where there is none.
     pub unit_timeout_s: u64,
@@ -147,13 +147,14 @@ impl Answered {
     }
 }
 
-/// What computes tasks in a worker.
+/// Component that computes tasks in a worker.
 pub trait Compute: Send + Sync {
-    /// Answers tasks that a program of the version `version` has handed out, each once or not at all where it is told to stop.
+    /// Computes tasks that a program of the version `version` has dispatched. Returns one answer for each task, or none
+    /// for those that a stop signal prevents.
     fn answers(&self, tasks: Vec<Handed>, version: &str, leash: &Leash) -> Vec<Answered>;
 }
 
-/// What computes tasks in this process; nothing in a scheduler or a driver.
+/// Component that computes tasks in this process; unset in a scheduler or a driver.
 pub static COMPUTE: OnceLock<Box<dyn Compute>> = OnceLock::new();
 
 /// Stops the work when its partition is cancelled.
@@ -249,10 +250,10 @@ impl ExecutionPlan for Units {
     }
 }
 
-/// What begins our node among the messages of a plan: no message of Ballista begins with a zero.
+/// Prefix of our node among the messages of a plan. No message of Ballista begins with a zero byte.
 pub const MARK: &str = "\0magline ";
 
-/// Our node beside those of Ballista.
+/// Node of magline in a plan of Ballista.
 ///
 /// A scheduler and a driver refuse a node of another version. A worker reads it: it says in its answers that it refuses the tasks,
 /// where a failure would be one of the whole job.
@@ -264,7 +265,7 @@ pub struct Codec {
 }
 
 impl Codec {
-    /// Of a worker.
+    /// Codec of a worker.
     pub fn of_worker() -> Codec {
         Codec { lenient: true, ..Codec::default() }
     }

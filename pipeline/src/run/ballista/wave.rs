@@ -34,9 +34,9 @@ use crate::{
 /// The most tasks of a job before any was answered, and the most of the text of a job's tasks.
 const MOST_UNSEEN: usize = 8;
 const MOST_BYTES: usize = 1 << 20;
-/// How often a task is handed out that comes to nothing.
+/// Maximum number of failed attempts per task.
 const MOST_TRIES: usize = 4;
-/// How often the scheduler may be gone and come back in a wave.
+/// Maximum number of restarts of the scheduler during a wave.
 const MOST_RESTARTS: usize = 20;
 /// The interval of looking at the cluster.
 const LOOKS_EVERY: Duration = Duration::from_secs(2);
@@ -60,7 +60,7 @@ struct Job {
     idle: Option<Instant>,
 }
 
-/// What came of a job.
+/// Number of a job, and its answers or its error.
 type Told = (usize, Result<Vec<Answered>, String>);
 
 /// A wave at work.
@@ -72,7 +72,7 @@ pub struct Handing<'a> {
     waiting: VecDeque<usize>,
     jobs: BTreeMap<usize, Job>,
     receipts: Vec<Option<Receipt>>,
-    /// How often each was handed out and came to nothing.
+    /// Number of failed attempts of each task.
     tries: Vec<usize>,
     number: usize,
     /// Tasks that were answered, and their seconds.

@@ -1,6 +1,6 @@
 //! A worker: Ballista's executor, which takes tasks from the scheduler, and a process of this program for each core, which
-//! computes them. What a unit does to its process (a crash, a hang, too much memory) leaves the executor alone, which goes
-//! on to report to the scheduler.
+//! computes them. A crash, a hang or excessive memory use affects only the process of the unit. The executor then
+//! continues to report to the scheduler.
 
 use std::{
     fs::{self, DirBuilder},
@@ -46,7 +46,7 @@ const LOOKS_EVERY: Duration = Duration::from_secs(5);
 /// How long a run may take to fetch an answer.
 const FETCHED_AFTER: Duration = Duration::from_secs(2);
 
-/// What a worker is to be.
+/// Configuration of a worker.
 #[derive(Clone, Debug)]
 pub struct Config {
     /// The host of the scheduler.
@@ -99,7 +99,7 @@ fn leave(why: Fault, after: Duration) {
     }
 }
 
-/// Computes what the scheduler hands out, until it is told to stop or the scheduler is gone.
+/// Computes dispatched tasks until a stop signal arrives or the scheduler is lost.
 ///
 /// # Errors
 /// Fails when the scheduler is another version, cannot reach this worker, or a port or folder is not to be had.
@@ -352,7 +352,7 @@ impl Compute for Crew {
         let mut process = self.enter(&first.wave);
         let mut answers = vec![];
         for handed in &tasks {
-            // What is left out is handed out again.
+            // The scheduler dispatches missing units again.
             if INTERRUPTED.load(Ordering::Relaxed) && !answers.is_empty() {
                 break;
             }

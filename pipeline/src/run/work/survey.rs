@@ -26,7 +26,7 @@ const TOLD_EVERY: Duration = Duration::from_secs(1);
 /// The result of a survey stage for a point: the lines that it left out, and its table.
 type Gathered = (Vec<Fault>, Result<Product, Fault>);
 
-/// What a survey stage is given for its units, one a point.
+/// Inputs of a survey stage for its units, one per point.
 struct Attended<'a> {
     worker: &'a Worker<'a>,
     units: &'a [Unit],
@@ -163,7 +163,7 @@ impl Worker<'_> {
             Made { unit: *unit, rows, remarks: Remarks { left_out, warnings } }
         };
         let made = units.iter().zip(left_out.into_iter().zip(tables)).map(made);
-        // What an interrupt stopped is not concluded.
+        // An interrupted unit has no final outcome.
         let stopped =
             |m: &Made| INTERRUPTED.load(Ordering::Relaxed) && m.rows.as_ref().is_err_and(|f| !f.owner.is_lasting());
         made.filter(|m| !stopped(m)).collect()

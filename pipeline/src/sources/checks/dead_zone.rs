@@ -27,10 +27,10 @@ pub struct DeadZone {
     pub first: usize,
 }
 
-/// At least so many samples are lost, on so many occasions: what is lost once at a heading may have any cause.
+/// Minimum numbers of lost samples and of separate losses. A single loss at a heading can have any cause.
 const LEAST: usize = 20;
 const OCCASIONS: usize = 3;
-/// Of the samples in the zone so many are lost, and of those outside at most this part of that.
+/// Minimum share of lost samples inside the zone, and maximum share outside relative to it.
 const INSIDE: f64 = 0.5;
 const OUTSIDE: f64 = 0.1;
 /// Wider zones are none of an instrument that is sold, degrees: polar and equatorial.
@@ -184,7 +184,7 @@ mod tests {
 
     #[test]
     fn law_the_principal_axis_of_an_ellipsoid_is_its_longest() {
-        // Of a b^T + ... with eigenvalues 3, 2, 1 along a rotated frame.
+        // Matrix a bᵀ + ... with eigenvalues 3, 2, 1 along a rotated frame.
         let (a, b, c) = ([0.6, 0.0, 0.8], [0.0, 1.0, 0.0], [0.8, 0.0, -0.6]);
         let matrix: [[f64; 3]; 3] =
             std::array::from_fn(|i| std::array::from_fn(|j| 3.0 * a[i] * a[j] + 2.0 * b[i] * b[j] + c[i] * c[j]));

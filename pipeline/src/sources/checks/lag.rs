@@ -4,10 +4,10 @@ use numerics::signal::lag::{Lag, lag_of};
 
 use super::sampling;
 
-/// Lags are sought up to so many seconds and samples.
+/// Maximum lag that is searched, s and samples.
 const MOST_S: f64 = 2.0;
 const MOST_SAMPLES: f64 = 100.0;
-/// Of the longest stretch without a gap, up to so many samples.
+/// Maximum number of samples, from the longest stretch without a gap.
 const SAMPLES: usize = 50_000;
 /// The two must see the same: magnetometers at different places of an aircraft share only part of its field, and what they do not
 /// share moves the peak.

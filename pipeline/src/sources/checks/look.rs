@@ -4,7 +4,7 @@ use schemas::{Role, flight};
 
 use super::{Figure, Measure};
 
-/// What a figure is judged by.
+/// Context for judging a figure.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Around {
     /// The samples of the lines that it is about.
@@ -17,20 +17,20 @@ pub struct Around {
     pub noise: f64,
 }
 
-/// Longer than this, `resample` leaves a gap open unless it is told otherwise, s.
+/// Default longest gap that `resample` closes, s.
 const GAP_S: f64 = 1.0;
-/// Of all samples.
+/// Maximum share of all samples.
 const MISSING: f64 = 0.01;
 /// Steps are uneven beyond this part of the step: interpolation between them is no longer exact to the noise.
 const JITTER: f64 = 0.1;
-/// A step of so many standard deviations of the noise is what is seen of the sensor.
+/// Maximum quantisation step in standard deviations of the noise; a larger step dominates the noise.
 const COARSE: f64 = 2.0;
-/// A magnetometer is noisy beside the best one of its flight.
+/// Maximum ratio of the noise of a magnetometer to that of the best one of its flight.
 const NOISY: f64 = 10.0;
 
-/// Of all samples, near values that are preferred.
+/// Maximum share of all samples near over-represented values.
 const PREFERRED: f64 = 0.1;
-/// Of a sample: a lag that `resample` should take out.
+/// Maximum lag in samples; `resample` should remove a larger one.
 const LATE: f64 = 0.5;
 
 /// Whether a figure is one that people would look at before they use the column.

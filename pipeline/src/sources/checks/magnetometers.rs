@@ -1,4 +1,4 @@
-//! What is checked of the magnetometers of a line beside each other.
+//! Checks that compare the magnetometers of a line with each other.
 
 use arrow_array::{RecordBatch, cast::AsArray, types::Float64Type};
 use schemas::flight;

@@ -28,7 +28,7 @@ use super::quality::{Check, Finding};
 /// Raised when figures change.
 pub const VERSION: &str = "checks 2";
 
-/// What is checked.
+/// Kind of a check.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Figure {
     /// One over the median step of the time.
@@ -137,7 +137,7 @@ impl Figure {
 pub struct Measure {
     /// The column.
     pub column: String,
-    /// What was checked.
+    /// Kind of the check.
     pub check: Figure,
     /// The figure.
     pub value: f64,

@@ -8,7 +8,7 @@ use std::ops::Range;
 
 use numerics::regression::statistics::median;
 
-/// What a sensor prefers.
+/// Over-represented values of a sensor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Preferred {
     /// The spacing of the values.
@@ -17,18 +17,20 @@ pub struct Preferred {
     pub samples: usize,
 }
 
-/// Histograms of so many bins are tried: a peak must be narrower than a few bins, and has samples enough.
+/// Numbers of bins of the histograms, as powers of two, and minimum mean number of samples per bin. A peak must be
+/// narrower than a few bins and needs enough samples.
 const BINS: Range<u32> = 7..15;
 const LEAST_A_BIN: f64 = 4.0;
-/// A peak has so many times the samples of the median of the bins to either side, and at least so many.
+/// Minimum ratio of a peak to the median of the bins around it. Number of bins on either side for this median. Minimum
+/// number of samples of a peak.
 const HIGHER: f64 = 4.0;
 const AROUND: usize = 12;
 const LEAST: f64 = 8.0;
 /// The peak is not wider, in bins, and peaks are not closer.
 const WIDEST: usize = 3;
 const CLOSEST: f64 = 4.0;
-/// At least so many peaks, which are such a part of all that the spacing has between the first and the last, and are off it by no
-/// more than this part of it (root mean square; any values are by 0.29).
+/// Minimum number of peaks. Minimum share of occupied multiples of the spacing between the first and the last peak.
+/// Maximum root mean square distance from these multiples, in spacings; it is 0.29 for arbitrary values.
 const PEAKS: usize = 10;
 const FILLED: f64 = 0.5;
 const OFF: f64 = 0.08;

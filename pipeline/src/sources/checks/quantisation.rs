@@ -2,7 +2,7 @@
 
 /// Distinct values are compared up to this number: more do not say more.
 const MOST: usize = 20_000;
-/// At least so many steps between distinct values.
+/// Minimum number of steps between distinct values.
 const LEAST: usize = 8;
 /// A value may be so far from the grid, in steps: rounding to decimals and single precision.
 const TOLERANCE: f64 = 0.05;
@@ -35,7 +35,7 @@ pub fn step(values: &[f64]) -> Option<f64> {
     (like.len() >= 3 && on as f64 >= 0.98 * steps.len() as f64).then_some(step)
 }
 
-/// What the values of a column can tell apart.
+/// Resolution of the values of a column.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Resolution {
     /// The quantisation step; 0 where the values lie on no grid.
@@ -45,7 +45,7 @@ pub struct Resolution {
 }
 
 impl Resolution {
-    /// Of values on a grid of `step`, or on none.
+    /// Resolution of values on a grid of `step`, or without a grid.
     pub fn of(values: &[f64], step: Option<f64>) -> Self {
         let size = values.iter().filter(|x| x.is_finite()).fold(0.0_f64, |a, x| a.max(x.abs()));
         // The coefficients of the difference, regardless of sign, add up to 16.

@@ -4,7 +4,7 @@ use numerics::regression::statistics::median;
 
 use super::Tally;
 
-/// What a line's time stamps are like.
+/// Sampling of a line's time stamps.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sampling {
     /// One over the median step.
@@ -27,7 +27,7 @@ pub struct Sampling {
     pub midnights: Tally,
 }
 
-/// A step longer than so many medians is a gap: a lost sample makes it two.
+/// Minimum length of a gap in median steps. One lost sample makes a step of two.
 const GAP: f64 = 1.75;
 
 /// The sampling of time stamps; `None` for fewer than three.

@@ -13,9 +13,9 @@ pub struct Saturation {
     pub value: f64,
 }
 
-/// Runs of at least so many equal samples at an end of the range.
+/// Minimum length of a run of equal samples at an end of the range.
 const RUN: usize = 4;
-/// So many times more samples at the end than at the values next to it.
+/// Minimum ratio of the samples at the end to those at the values next to it.
 const EXCESS: usize = 5;
 /// Values next to the end.
 const NEXT: usize = 3;

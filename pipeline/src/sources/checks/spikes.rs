@@ -15,9 +15,9 @@ pub struct Spikes {
     pub largest: f64,
 }
 
-/// A fourth difference of so many robust standard deviations is a spike. Of normal noise one in 10^15 is.
+/// Threshold of a spike in robust standard deviations of the fourth difference. Normal noise exceeds it once in 10^15.
 const SIGMAS: f64 = 8.0;
-/// The scale is that of so many samples around, so that a manoeuvre is not a spike.
+/// Number of surrounding samples that determine the scale, so that a manoeuvre is not a spike.
 const BLOCK: usize = 64;
 
 /// The spikes of a column whose fourth differences these are; `None` where there are none. A deviation below that of the

@@ -13,7 +13,7 @@ pub struct Stuck {
     pub longest_s: f64,
 }
 
-/// A run is long where it has so many samples, and is so many times longer than nine of ten others.
+/// Minimum length of a long run in samples, and minimum ratio to the 90th percentile of the other runs.
 const LEAST: usize = 20;
 const LONGER: usize = 10;
 

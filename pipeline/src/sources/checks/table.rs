@@ -35,7 +35,7 @@ pub fn table(rows: &[(&str, &str, &Measure)]) -> Result<RecordBatch, Fault> {
         Arc::new(rows.iter().map(|r| Some(f(r))).collect::<StringArray>())
     };
     let number = |f: fn(&Measure) -> f64| -> ArrayRef {
-        // What is not there is null, not NaN: the table is read by all sorts of programs.
+        // Missing values are null, not NaN, because many programs read the table.
         Arc::new(rows.iter().map(|r| Some(f(r.2)).filter(|x| x.is_finite())).collect::<Float64Array>())
     };
     let count: ArrayRef = Arc::new(rows.iter().map(|r| i64::try_from(r.2.count).ok()).collect::<Int64Array>());

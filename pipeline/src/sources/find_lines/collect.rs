@@ -50,7 +50,7 @@ struct Reading {
 /// Gathers what lines are found from, out of one or several tables of a log.
 #[derive(Default)]
 pub struct Collector {
-    /// Of each flight, what each of its tables has.
+    /// Readings of each table, by flight.
     flights: BTreeMap<String, BTreeMap<String, Reading>>,
 }
 
@@ -74,7 +74,7 @@ impl Collector {
     /// The flights with the lines found in each.
     pub fn found(self) -> Vec<(String, Found)> {
         let best = |all: &mut dyn Iterator<Item = Triple>| {
-            // Of equal ones the first.
+            // The first of equal ones is used.
             let best = all.reduce(|a, b| if b.known() > a.known() { b } else { a }).filter(|t| t.known() > 0);
             best.map(Triple::in_time).unwrap_or_default()
         };

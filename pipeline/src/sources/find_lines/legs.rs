@@ -13,8 +13,9 @@ const LIMITS_DPS: (f64, f64) = (0.3, 3.0);
 const LEAST_DEG: f64 = 20.0;
 /// A slower moment within a turn, s.
 const LULL_S: f64 = 3.0;
-/// What is shorter belongs to the turns around it, s: the second, or where no leg is long this part of the longest, so that the
-/// sides of a small square are legs in every lap or in none; never less than the first, which rates of turn blur.
+/// Minimum length of a leg, s; shorter ones belong to the adjacent turns. It is the second value or, where no leg is
+/// long, a share `LEG_OF_SHORT` of the longest. The sides of a small square are thus legs in every lap or in none. The
+/// first value is a lower bound, because the smoothing of turn rates blurs shorter legs.
 const LEG_S: (f64, f64) = (3.6, 5.0);
 const LEG_OF_SHORT: f64 = 0.35;
 /// The course of a leg is within this of its mean, degrees, but for a tenth of its samples.
@@ -24,11 +25,11 @@ const SLOW_S: f64 = 12.0;
 const POWER_S: f64 = 6.0;
 /// The aircraft levels out at the ends of a leg, s.
 const SETTLE_S: f64 = 3.0;
-/// A manoeuvre of an angle has a root mean square of so much, degrees, and of so many times that of its quiet moments.
+/// Minimum root mean square of a manoeuvre, degrees, and minimum ratio to that of the quiet moments.
 const LEAST_RMS_DEG: f64 = 0.8;
 const CONTRAST: f64 = 3.0;
 
-/// What a sample is.
+/// Class of a sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Part {
     /// On the ground, hovering, or not known.
@@ -66,7 +67,7 @@ pub struct Turn {
 /// A flight in parts.
 #[derive(Clone, Debug, Default)]
 pub struct Parts {
-    /// Of each sample.
+    /// Class of each sample.
     pub parts: Vec<Part>,
     /// In the order of time.
     pub legs: Vec<Leg>,

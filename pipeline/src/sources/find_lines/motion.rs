@@ -13,7 +13,7 @@ pub const RATE_HZ: f64 = 5.0;
 /// The polynomials whose slopes are the velocity and the rate of turn: samples.
 const VELOCITY_WINDOW: usize = 11;
 const TURN_WINDOW: usize = 15;
-/// A flight is on the ground, or hovers, below this part of its usual speed, and below this speed whatever is usual.
+/// Limits of the speed on the ground or in hover: a share of the flight's usual speed, and a minimum speed.
 const SLOW: f64 = 0.2;
 const LEAST_MPS: f64 = 1.0;
 /// Its usual speed is this quantile: most of a log may be on the ground.
@@ -41,7 +41,7 @@ pub struct Attitude {
     pub angles_deg: [Vec<f64>; 3],
 }
 
-/// What lines are found from.
+/// Channels from which lines are found.
 #[derive(Clone, Debug, Default)]
 pub struct Channels {
     /// Empty where there is none.
@@ -191,7 +191,7 @@ fn on_the_plane(position: &Position) -> (Vec<f64>, Vec<f64>, Vec<f64>, Vec<f64>)
 
 /// Linear interpolation onto even times; NaN in gaps.
 fn onto(tt: &[f64], x: &[f64], grid: &[f64]) -> Vec<f64> {
-    /// Gaps of so many usual steps, at least so long and at most so long, are left open.
+    /// Minimum length of an open gap, in usual steps, with lower and upper bounds in s.
     const STEPS: f64 = 2.5;
     const GAP_S: (f64, f64) = (1.0, 5.0);
     let known: Vec<(f64, f64)> = tt.iter().copied().zip(x.iter().copied()).filter(|(_, x)| x.is_finite()).collect();

@@ -9,7 +9,7 @@ use super::{
     motion::{Motion, RATE_HZ},
 };
 
-/// What a line is.
+/// Kind of a line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Kind {
     /// Straight on.
@@ -48,7 +48,7 @@ impl Kind {
 pub struct FoundLine {
     /// Its kind and its number among those, such as `box1`; numbers of one kind have as many digits.
     pub name: String,
-    /// What it is.
+    /// Kind of the line.
     pub kind: Kind,
     /// Its rows of the even times.
     pub rows: Range<usize>,
@@ -60,14 +60,14 @@ pub struct FoundLine {
 
 /// Legs that are a right angle apart, degrees.
 const RIGHT_ANGLE_DEG: (f64, f64) = (60.0, 120.0);
-/// A box has so many legs, and such a part of them has manoeuvres of one and the same angle.
+/// Minimum number of legs of a box, and minimum share of them with manoeuvres of the same angle.
 const BOX_LEGS: usize = 4;
 const BOX_PART: f64 = 0.75;
 /// A loop that leads back over the place it came from, degrees.
 const LOOP_DEG: (f64, f64) = (180.0, 340.0);
-/// So far a crossing may be beyond the end of a leg, in legs.
+/// Maximum distance of a crossing beyond the end of a leg, in legs.
 const BEYOND: f64 = 0.1;
-/// Crossings are one place within this part of the way from the place to the loop, and so many metres.
+/// Maximum distance between crossings at one place: share of the way from the place to the loop, and m.
 const SAME_PART: f64 = 0.35;
 const SAME_M: f64 = 10.0;
 /// The way to the first loop, and from the last, is taken to be as long as this many times that from the place to the loop.
@@ -122,7 +122,7 @@ pub fn lines(motion: &Motion, parts: &Parts) -> Vec<FoundLine> {
     for group in flown.crossings() {
         let (line, legs) = flown.over_one_place(&group);
         taken.iter_mut().take(legs.end).skip(legs.start).for_each(|t| *t = true);
-        // What is left of a long way there and back is a line by itself.
+        // The remainder of a long way there and back is a separate line.
         let ends = legs.clone().next().into_iter().chain(legs.last());
         for leg in ends.filter_map(|i| parts.legs.get(i)) {
             rest.push(leg.rows.start..leg.rows.end.min(line.rows.start));
@@ -198,7 +198,7 @@ impl Flown<'_> {
         self.line(kind, rows, manoeuvres)
     }
 
-    /// Whether a leg only leads from one line to the next one beside it.
+    /// Whether a leg only connects a line with the adjacent one.
     fn connects(&self, number: usize) -> bool {
         let legs = &self.parts.legs;
         let near = number.checked_sub(1).and_then(|before| legs.get(before)).zip(legs.get(number + 1));

@@ -5,7 +5,7 @@ use schemas::Fault;
 
 use super::{Found, Kind, Part};
 
-/// What a sample is beside the kinds of lines.
+/// Classes of a sample that are not kinds of lines.
 const SLOW: usize = 0;
 const BETWEEN: usize = 1;
 const MANOEUVRE: usize = 2 + Kind::ALL.len();

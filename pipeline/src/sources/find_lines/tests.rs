@@ -14,7 +14,7 @@ use crate::sources::{mapping::Mapping, open_log};
 /// First and last time of each line.
 type Times = BTreeMap<String, (f64, f64)>;
 
-/// What is found in a simulated flight, and the times of the lines that the simulator knows.
+/// Lines found in a simulated flight, and the simulator's times of the lines.
 fn flown(lines: &str) -> (Found, Times) {
     let folder = TempDir::new().unwrap();
     let path = folder.path().join("s.synth.toml");
@@ -103,7 +103,7 @@ fn law_a_grid_flown_at_once_has_the_lines_that_it_has_one_by_one() {
         let line = found.lines.iter().find(near).unwrap_or_else(|| panic!("{name} {times:?} in {:?}", found.spans()));
         assert_eq!(line.kind, if name.contains('T') { Kind::Tie } else { Kind::Line }, "{name}");
     }
-    // What else goes straight on for long leads from the last line to the first tie line.
+    // Another straight stretch leads from the last line to the first tie line.
     let overlaps = |a: (f64, f64), b: (f64, f64)| a.0 < b.1 - SHARP_S && b.0 < a.1 - SHARP_S;
     for line in &found.lines {
         let times = found.times_s(line);
@@ -130,7 +130,7 @@ fn law_survey_legs_are_lines_and_a_square_without_manoeuvres_is_no_box() {
     assert!(kinds(&found).iter().all(|k| *k == Kind::Line) && found.lines.len() >= 6, "{:?}", found.spans());
 }
 
-/// What is found in tables of a log, through a ready mapping.
+/// Lines found in tables of a log, through a ready mapping.
 fn through(mapping: &str, files: &[(&str, &str)]) -> Found {
     let mapping = Arc::new(Mapping::load(mapping, Path::new(".")).unwrap());
     let mut collector = Collector::default();
@@ -188,7 +188,7 @@ fn ref_an_aerobatic_flight_has_circles_and_none_on_the_ground() {
     assert!(known(&found.motion.angles_deg[0]) > 2000 && known(&found.motion.alt_m) > 1000);
 }
 
-/// A flight along courses (degrees) of so many seconds each at 40 m/s, with turns of 3 degrees a second, from a place.
+/// Flight from a place along courses, in degrees and s, at 40 m/s, with turns of 3 degrees per second.
 fn along(legs: &[(f64, f64)], from: (f64, f64)) -> Channels {
     let mut channels = Channels::default();
     let (mut lat, mut lon, mut t) = (from.0, from.1, 1000.0);

@@ -43,7 +43,7 @@ pub struct Bound {
     outputs: Vec<Output>,
 }
 
-/// What the table of a spec, or the command line, says of the flight and the line.
+/// Flight and line from the table of a spec or the command line.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct GivenKeys<'a> {
     /// The flight.
@@ -110,7 +110,7 @@ impl Bound {
         Some(Bound { schema, keys, time: time?, rows, notes: made.notes, outputs: made.outputs })
     }
 
-    /// The columns beside the keys, time and date of some rows of the file.
+    /// Columns of some rows of the file, except keys, time and date.
     ///
     /// # Errors
     /// Fails where an expression cannot be evaluated.

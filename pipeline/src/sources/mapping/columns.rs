@@ -24,7 +24,7 @@ pub struct Columns<'a> {
 }
 
 impl<'a> Columns<'a> {
-    /// Of a file.
+    /// Columns of a file.
     pub fn new(source: &'a Schema, place: String) -> Columns<'a> {
         Columns { source, place, faults: vec![] }
     }
@@ -115,9 +115,9 @@ impl Numbers {
 /// How one column, or three, come about.
 #[derive(Clone, Debug)]
 pub(super) enum Output {
-    /// As the file has it.
+    /// Unchanged column of the file.
     AsItIs(usize),
-    /// As an expression gives it.
+    /// Result of an expression.
     AsGiven(Sql),
     Linear {
         numbers: Numbers,

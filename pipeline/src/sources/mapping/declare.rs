@@ -1,4 +1,4 @@
-//! What a mapping says, as it is declared: the keys of its tables, clocks, columns and sensors.
+//! Declaration of a mapping: the keys of its tables, clocks, columns and sensors.
 
 use schemas::{Fault, Lists, Literal, Nested, Param, ParamDoc, Reader, Rule, Sections, Value, choice, params};
 

@@ -12,7 +12,7 @@ pub type Span = Range<usize>;
 /// Something with the keys that said it.
 #[derive(Clone, Debug)]
 pub struct Placed<T> {
-    /// What it is.
+    /// Value.
     pub value: T,
     /// Its keys as they are given.
     pub args: Args,
@@ -41,7 +41,7 @@ pub enum KeyDecl {
 pub struct TableDecl {
     /// Its name.
     pub name: String,
-    /// What it reads.
+    /// Input that it reads.
     pub head: Placed<Head>,
     /// The flight, if the mapping says it.
     pub flight: Option<KeyDecl>,
@@ -62,7 +62,7 @@ pub struct TableDecl {
 /// The whole text.
 #[derive(Clone, Debug)]
 pub struct Document {
-    /// What it is for.
+    /// Purpose of the mapping.
     pub about: String,
     /// Its tables, in the order of the text.
     pub tables: Vec<TableDecl>,
@@ -140,7 +140,7 @@ impl Reading {
             self.faults.push(Fault::new(what).at(given.at.clone()));
             return None;
         };
-        // The header stands for the table: its bytes are only known for inline tables.
+        // The header represents the table: only inline tables have known bytes.
         let at = given.key_at.clone();
         let of_mapping = |key: &str| section.keys.get(key).or(root.keys.get(key)).cloned();
         let lists = self.lists.clone();
@@ -154,7 +154,7 @@ impl Reading {
         self.faults.extend(reader.into_faults());
         let flight = of_mapping("flight").and_then(|g| self.key("flight", &g));
         let line = of_mapping("line").and_then(|g| self.key("line", &g));
-        // The faults of a table's own epoch are told with its clock.
+        // The faults of a table's own epoch are reported with its clock.
         let epoch = match (section.keys.get("epoch"), root.keys.get("epoch")) {
             (None, Some(given)) => self.group::<Epoch>("epoch", given),
             (Some(given), _) => time.as_ref().and_then(|t| placed(t.epoch.clone()?.0, given)),

@@ -20,14 +20,14 @@ use super::{
 pub struct Found {
     /// The instant; `None` where nobody knows.
     pub instant: Option<Instant>,
-    /// What the user is told.
+    /// Note for the user.
     pub note: String,
 }
 
 /// Two clocks that differ by more than this from one row to another were set meanwhile.
 const SET_S: f64 = 5.0;
 
-/// The file beside `log` that holds both clocks, where the epoch names one.
+/// Path of the file next to `log` that holds both clocks, where the epoch names one.
 pub fn other_file(epoch: &Epoch, log: &Path) -> Option<PathBuf> {
     epoch.file.as_ref().map(|name| log.with_file_name(name))
 }

@@ -10,7 +10,7 @@ use super::{
     vector::{Mounting, read_axes},
 };
 
-/// What the columns come to.
+/// Columns of the result.
 #[derive(Default)]
 pub(super) struct Made {
     /// Their fields, each with where the mapping has it.

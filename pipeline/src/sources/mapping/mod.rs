@@ -1,4 +1,4 @@
-//! What a foreign log means: a TOML file that says which columns become which, in which units, axes and clocks.
+//! Meaning of a foreign log: a TOML file that assigns its columns, units, axes and clocks.
 //!
 //! A mapping has one or several tables, each of which reads one topic of a log. A table is checked against the columns of a
 //! file before any row is read (`bind`); then the rows come through it batch by batch (`rows`). The format is described
@@ -88,7 +88,7 @@ impl Mapping {
         }
     }
 
-    /// What it is for.
+    /// Purpose of the mapping.
     pub fn about(&self) -> &str {
         &self.document.about
     }
@@ -180,7 +180,7 @@ impl Mapped {
         Key::of([VERSION, &self.mapping.text, self.name()])
     }
 
-    /// The file beside `log` that its values depend on as well.
+    /// Path of the file next to `log` that its values depend on as well.
     pub fn beside(&self, log: &Path) -> Option<PathBuf> {
         epoch::other_file(&self.decl()?.epoch.as_ref()?.value, log)
     }

@@ -6,7 +6,7 @@ use arrow_schema::{DataType, Field, Schema};
 use expressions::Expression;
 use schemas::{Column, ColumnType, Fault, Shape};
 
-/// What a fault calls the expression.
+/// Name of the expression in a fault.
 const SUBJECT: &str = "`sql`";
 
 /// An expression that was checked against the columns of a file. Numbers of every type are Float64 to it.

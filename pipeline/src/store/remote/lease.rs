@@ -28,7 +28,7 @@ struct Said {
     holder: Holder,
     /// The cache of the holder. Processes of one boot that have the same one see each other's locks of the operating system.
     cache: String,
-    /// Of this lease alone.
+    /// Identifier of this lease.
     once: String,
     /// A checksum of what does not change while it is held.
     #[serde(default)]
@@ -122,7 +122,7 @@ impl Remote {
         Ok(self.said(&last)?.filter(|said| said.holder.is_free()).map(|_| last.number))
     }
 
-    /// Whether a run of any pipeline is at work, as far as its lease says.
+    /// Whether a run of any pipeline holds a lease.
     pub(super) fn is_busy(&self) -> Result<bool, Fault> {
         let now = self.time()?;
         for lease in self.bucket.list_flat("locks")?.into_iter().filter(|o| o.key.contains(".lease-")) {

@@ -49,7 +49,7 @@ pub use tend::is_object_old;
 
 /// The file of a cache that says of which store it is.
 pub const MARK: &str = "REMOTE";
-/// How often a pack whose bytes are not those that were written is read.
+/// Maximum number of reads of a pack whose bytes differ from the written ones.
 const TRIALS: usize = 3;
 /// The end of a pack that is read at first: most footers are shorter.
 const TAIL: u64 = 64 << 10;
@@ -58,7 +58,7 @@ const TAIL: u64 = 64 << 10;
 #[derive(Serialize, Deserialize)]
 struct Mark {
     address: String,
-    /// Of this cache alone.
+    /// Identifier of this cache.
     cache: String,
 }
 
@@ -117,7 +117,7 @@ pub fn prepared(address: &Address) -> Result<PathBuf, Fault> {
     Ok(root)
 }
 
-/// What the store in the folder `root` is called: its address, where it is in an object store.
+/// Name of the store in the folder `root`: its address, where it is in an object store.
 pub fn shown(root: &Path) -> String {
     match Remote::of(root) {
         Ok(Some(remote)) => remote.bucket.address().to_string(),
@@ -324,7 +324,7 @@ impl Remote {
     /// Copies the pack `id` into the cache in place of the copy there, which is damaged or was removed.
     ///
     /// # Errors
-    /// As [`Remote::bring`].
+    /// The same as [`Remote::bring`].
     pub fn bring_again(&self, id: Key) -> Result<(), Trouble> {
         // Where it cannot be removed it is replaced.
         let _ = fs::remove_file(catalogue::path(&self.root, id));

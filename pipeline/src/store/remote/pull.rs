@@ -161,7 +161,7 @@ impl Remote {
             sum(a).is_some() && sum(a) == sum(b)
         };
         if to.exists() && !same(&to, folder) {
-            // Of a store that was removed, or never published.
+            // A folder of a store that was removed or never published is moved aside.
             let aside = self.temporary()?;
             fs::rename(&to, &aside).map_err(|e| trouble("write", &to, &e))?;
             let _ = fs::remove_dir_all(&aside);
@@ -191,7 +191,7 @@ impl Remote {
     /// Copies the files of a version that are no packs into the cache.
     ///
     /// # Errors
-    /// As [`Remote::at_hand`].
+    /// The same as [`Remote::at_hand`].
     pub fn own_at_hand(&self, version: &Version) -> Result<(), Fault> {
         let files = version.manifest.tables.iter().flat_map(|t| t.files.iter().chain(&t.units));
         let files: Vec<&ManifestFile> = files.filter(|f| f.pack.is_none()).collect();

@@ -60,7 +60,7 @@ fn unit_what_one_host_writes_another_reads_with_the_same_bytes() {
     let third = Store::join(later.path()).unwrap();
     assert!(third.has(key("b")));
     assert!(!locked(&lab.server.read).iter().any(|name| name.contains("objects")));
-    // What comes after is found by its name, or by looking.
+    // Later packs are found by name, or by listing.
     first.put(key("c"), &batch(1, 3.0)).unwrap();
     assert!(!third.has(key("c")) && third.adopt(pack_of(&first, key("c"))) && third.has(key("c")));
     second.refresh();
@@ -122,7 +122,7 @@ fn unit_damage_in_a_copy_is_mended_and_damage_in_the_store_is_set_aside() {
     let found = scrub(&other, &|_, _| ()).unwrap();
     assert_eq!(found.damaged.len(), 2, "{:?}", found.damaged);
     assert!(!other.has(key("b")) && other.has(key("a")));
-    // What is computed again is there again, also for the host that had it before.
+    // A recomputed pack is available again, also on the host that had it before.
     other.put(key("b"), &batch(1000, 1.0)).unwrap();
     assert_eq!(Store::open(here.path()).unwrap().whole(key("b")).unwrap(), batch(1000, 1.0));
 }
@@ -163,7 +163,7 @@ fn mine(lock: Lock) -> super::super::Publisher {
     }
 }
 
-/// Publishes a table of one unit, and a small one beside it.
+/// Publishes a table of one unit, and a small second table.
 fn publish(store: &Store, unit: &str, run: &str) -> Result<bool, Fault> {
     let publisher = mine(store.lock("p")?);
     let packs = vec![pack_of(store, key(unit))];
@@ -226,7 +226,7 @@ fn unit_gc_drops_what_nothing_names_and_keeps_the_rest() {
     let seen = collect(&one, what).unwrap();
     assert_eq!((seen.packs, seen.versions.as_slice(), seen.busy), (2, ["p/1".to_owned()].as_slice(), false));
     assert_eq!(lab.bucket.list("objects").unwrap().len(), 3, "nothing was removed");
-    // A run of another host is at work: packs are kept.
+    // A run of another host holds a lock: packs are kept.
     let two = Store::open(there.path()).unwrap();
     let lock = mine(two.lock("q").unwrap());
     assert!(collect(&one, Collect { dry: false, ..what }).unwrap().busy);

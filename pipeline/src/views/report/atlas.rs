@@ -25,7 +25,7 @@ use crate::{plan::Ref, views::text::number};
 
 /// The size of the ellipses, in sigma: 98.9 % of a two-dimensional normal distribution are inside.
 const SIGMAS: f64 = 3.0;
-/// Ellipses along a line, and those in a close look beside the one at its middle.
+/// Number of ellipses along a line, and number in a detail view around the one at its middle.
 const ELLIPSES: usize = 16;
 const CLOSE: usize = 6;
 /// Ellipses of a longer semi-axis that is nowhere as long on the picture are enlarged, or shown from near.
@@ -371,7 +371,7 @@ fn enlargement(canvas: &Canvas, rings: &[(usize, Ellipse)]) -> f64 {
     if largest >= SMALLEST_PX || largest <= 0.0 { 1.0 } else { round_below(ENLARGED_PX / largest) }
 }
 
-/// The ellipses, so many times as large as they are.
+/// Ellipses, enlarged by the factor `times`.
 fn outlines(canvas: &Canvas, flown: &Flown, rings: &[(usize, Ellipse)], times: f64) -> Markup {
     let metres = canvas.metres_per_px() / times;
     let places = rings.iter().filter_map(|(k, e)| Some((canvas.spot(flown.estimate.at(*k)?)?, e)));
@@ -381,7 +381,7 @@ fn outlines(canvas: &Canvas, flown: &Flown, rings: &[(usize, Ellipse)], times: f
     } }
 }
 
-/// With the ellipses where they are drawn, so many times as large as they are.
+/// Legend of the map. `ellipses` is the enlargement of the ellipses; `None` where none are drawn.
 fn legend(flown: &Flown, ellipses: Option<f64>) -> Markup {
     html! {
         p.legend {
@@ -485,7 +485,7 @@ mod tests {
         assert!(whole.contains(&format!("3σ of the estimate, × {times}")), "{whole}");
         let near = Canvas::new(square(flown.estimate.at(40).unwrap(), 126.0));
         assert_eq!(enlargement(&near, &rings), 1.0);
-        // The close look has one of 30 m that is seen; a larger one elsewhere is shown by itself.
+        // The detail view has one visible ellipse of 30 m; a larger one elsewhere is shown separately.
         assert_eq!(atlas.plots(&flown).into_string().matches("<figure>").count(), 2);
         flown.sigma.as_mut().unwrap()[0][40] = 21.0;
         assert!(atlas.plots(&flown).into_string().contains("63.00 m by 30.00 m"));

@@ -28,7 +28,7 @@ struct Table {
     metric: Metric,
     /// The axis of the columns; none where there is one point.
     axis: Option<String>,
-    /// What the other axes are.
+    /// Values of the other axes.
     others: String,
     columns: Vec<Column>,
     /// Flight and line of each row.
@@ -69,7 +69,7 @@ pub fn tables(source: &Source, board: &Board, warnings: &[Warning]) -> Result<Ve
     let plan = source.graph.plan;
     let (node, spec) = (&plan.tables[board.table], &plan.spec);
     let instance = board.instances.get(best).copied().unwrap_or(0);
-    // Of axes that are searched together the first stands for all.
+    // The first axis represents all axes that are searched together.
     let several =
         node.grid().sides().map(|side| side.start).filter(|a| spec.axes.get(*a).is_some_and(|a| a.values.len() > 1));
     let mut axes: Vec<Option<usize>> = several.take(TABLES).map(Some).collect();

@@ -27,12 +27,12 @@ const ELLIPSES: usize = 60;
 const CORNERS: usize = 36;
 /// Their size, in sigma.
 const SIGMAS: f64 = 3.0;
-/// As in the report, but that a true track in black is not seen on a picture of the ground.
+/// Colours of the report, except that a black true track is invisible on a picture of the ground.
 const TRUTH: [u8; 3] = [255; 3];
 const INS: [u8; 3] = [255, 122, 26];
 const ESTIMATE: [u8; 3] = [255, 79, 208];
 
-/// What is wanted of the tracks.
+/// Selection of tracks and their form.
 pub struct Choice<'a> {
     /// Tables of `navigate`; all where there is none.
     pub tables: &'a [String],

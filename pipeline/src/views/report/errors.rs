@@ -90,7 +90,7 @@ fn share_inside(error: &[f64], sigma: &[f64]) -> String {
         return "none".to_owned();
     }
     let share = 100.0 * inside as f64 / all as f64;
-    // What is not all of the time is not rounded to it.
+    // A share below 100 % is not rounded up to it.
     if inside < all { format!("{:.1} %", share.min(99.9)) } else { "100 %".to_owned() }
 }
 

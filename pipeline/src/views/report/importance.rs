@@ -25,7 +25,7 @@ const WIDTH: f64 = 720.0;
 const VALUE: f64 = 90.0;
 const ROW: f64 = 22.0;
 
-/// What the lines say of one model.
+/// Importance of features in one model over all lines.
 #[derive(Default)]
 struct Ranking {
     method: String,

@@ -20,7 +20,7 @@ use crate::{
 
 /// The maximum number of points of a plot.
 const MOST: usize = 40;
-/// The least width of a plot, and what its dots and values have beside the names of the points.
+/// Least width of a plot, and width for its dots and values without the names of the points.
 const LEAST: f64 = 460.0;
 const BESIDE: f64 = 300.0;
 /// Characters of a name that are drawn, and the width of one.
@@ -207,7 +207,8 @@ mod tests {
         let drms = metrics[0].drawn().into_string();
         assert_eq!((drms.matches("class=\"arm\"").count(), drms.matches("class=\"dot\"").count()), (2, 2), "{drms}");
         assert!(drms.contains("<title>mag_4_uc: 20.00, 15.00 to 30.00, 4 lines</title>"), "{drms}");
-        // No interval for one line; a value far from its law is marked, and the law is drawn.
+        // A single line has no interval. A value far from its expected value is flagged, and the expected value is
+        // drawn.
         let nees = metrics[1].drawn().into_string();
         assert_eq!(
             (nees.matches("class=\"arm\"").count(), nees.matches("<g class=\"bad\">").count()),

@@ -143,7 +143,7 @@ pub fn write(path: &Path, bytes: &[u8]) -> Result<(), Fault> {
     })
 }
 
-/// The most tables of `navigate` that are shown beside that of the first scores.
+/// Maximum number of tables of `navigate` that are shown in addition to that of the first scores.
 const NAVIGATIONS: usize = 4;
 
 /// Points of a sweep that are shown over the same lines.

@@ -296,7 +296,7 @@ fn dead_zone(column: &ColumnOf) -> Figure {
     shapes.into_iter().find(|figure| column.figure(*figure).is_some()).unwrap_or(Figure::DeadZone)
 }
 
-/// What an examination found in a column.
+/// Findings of an examination in a column.
 fn findings(column: &ColumnOf) -> Markup {
     let found: Vec<&Measure> = column.figures.values().filter(|m| matches!(m.check, Figure::Found(_))).collect();
     let bad = found.iter().any(|m| column.marks.contains(&m.check));

@@ -22,7 +22,7 @@ for (const table of document.querySelectorAll("table.sortable")) {
     body.append(...[...body.rows].sort(order));
   }));
 }
-// Of several lines one is shown at a time.
+// Shows one of several lines at a time.
 for (const panels of document.querySelectorAll(".panels")) {
   const tabs = [...panels.querySelectorAll(".tabs button")];
   const each = [...panels.querySelectorAll(".panel")];

@@ -24,7 +24,7 @@ use crate::{
 const HEIGHT: f64 = 280.0;
 /// More trials are neither listed nor drawn.
 const MOST: usize = 1000;
-/// A goal that is so many times its best is drawn by ratio.
+/// Ratio of the largest to the smallest goal above which the axis is logarithmic.
 const WIDE: f64 = 8.0;
 
 /// One row of the table of trials.

@@ -80,7 +80,7 @@ pub fn subjects(source: &Source, boards: &[Board]) -> Vec<Subject> {
     vec![one("best", first, *best), one("worst", "The worst point in detail", *worst)]
 }
 
-/// The most lines of a table of `navigate` beside that of the first points: one page is to hold them all.
+/// Maximum number of further lines of a table of `navigate`, so that one page can hold all.
 const LINES: usize = 2;
 
 /// The board and metric that points are ranked by.
@@ -121,7 +121,7 @@ pub fn navigations(source: &Source, boards: &[Board], shown: &[Subject], most: u
                 Subject { id, title, point: point.join(", "), why: "without scores".to_owned(), ..stages }
             }
         };
-        // What is before the navigation is shown where it is scored first.
+        // Earlier stages are shown where the navigation is scored first.
         Subject { compensate: None, map_value: None, fit: None, ..found }
     };
     (others.into_iter().map(one).collect(), more)
@@ -198,7 +198,7 @@ pub fn lines(source: &Source, subject: &Subject) -> Result<Vec<Shown>, Fault> {
     Ok(picks.iter().filter_map(shown).collect())
 }
 
-/// The lines of a navigation beside the first one: the median and the worst of [`lines`].
+/// Further lines of a navigation: the median and the worst of [`lines`].
 ///
 /// # Errors
 /// Fails when the store is damaged.

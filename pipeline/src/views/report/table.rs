@@ -99,7 +99,7 @@ fn spaced(name: &str) -> Markup {
     html! { @for (i, part) in name.split('_').enumerate() { @if i > 0 { "_" wbr; } (part) } }
 }
 
-/// What each metric means, folded.
+/// Meaning of each metric, folded.
 fn glossary(board: &Board) -> Markup {
     html! {
         details { summary { "Meaning of the columns" }

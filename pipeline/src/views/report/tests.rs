@@ -38,7 +38,7 @@ fn page(example: &str, ran: &[&str], asked: &[&str]) -> Result<String, Fault> {
 /// The first tag that is not closed, or closed without having been opened.
 fn unclosed(html: &str) -> Option<String> {
     const VOID: [&str; 3] = ["meta", "wbr", "!DOCTYPE"];
-    // What is inside of style and script is no markup.
+    // The content of style and script elements is not markup.
     let bare = html.split("<style>").flat_map(|p| p.split("<script>"));
     let bare: String =
         bare.map(|p| p.split_once("</style>").or(p.split_once("</script>")).map_or(p, |x| x.1)).collect();

@@ -1,4 +1,4 @@
-//! What is wrong with the samples of a flight, over time: a row for each column.
+//! Faulty samples of a flight over time: a row for each column.
 
 use figures::{chart::px, ticks};
 use maud::{Markup, html};
@@ -14,7 +14,7 @@ pub struct Lane {
     pub lines: Vec<(f64, f64)>,
     /// Where samples are missing between them.
     pub gaps: Vec<(f64, f64)>,
-    /// What is wrong, and its first and last time.
+    /// Fault, and its first and last time.
     pub parts: Vec<(Figure, f64, f64)>,
 }
 
@@ -87,7 +87,7 @@ impl Timeline<'_> {
     }
 }
 
-/// What is drawn, its class in the style sheet and its name; the narrowest last.
+/// Figures that are drawn, with the class in the style sheet and the name; the narrowest last.
 const KINDS: [(Figure, &str, &str); 4] = [
     (Figure::Saturation, "saturated", "saturated"),
     (Figure::Stuck, "stuck", "stuck"),

@@ -1,4 +1,4 @@
-//! What a line's navigation is judged by: true, INS and estimated track with the filter's own opinion of its error.
+//! Navigation of a line: true, INS and estimated track, with the filter's covariance of its error.
 
 use figures::ellipse::Ellipse;
 use numerics::{earth::geodesy::EarthModel, regression::statistics::position_nees};
@@ -69,7 +69,7 @@ impl Track {
 }
 
 impl Flown {
-    /// What the navigation of `subject` made of `line`; `None` where it has none.
+    /// Navigation of `line` in `subject`; `None` where it has none.
     ///
     /// # Errors
     /// Fails when the store is damaged.
@@ -99,7 +99,7 @@ impl Flown {
         Some(self.truth.as_ref()?.less(self.ins.as_ref()?))
     }
 
-    /// The region of the estimate within so many sigma at row `k`.
+    /// Region of the estimate at row `k`, with a scale of `sigmas` standard deviations.
     pub fn ellipse(&self, k: usize, sigmas: f64) -> Option<Ellipse> {
         let [sd_n, sd_e, cov_ne] = self.sigma.as_ref()?;
         Ellipse::new(*sd_n.get(k)?, *sd_e.get(k)?, *cov_ne.get(k)?, sigmas)

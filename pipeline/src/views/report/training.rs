@@ -66,7 +66,7 @@ pub fn section(source: &Source) -> Result<Option<Markup>, Fault> {
 }
 
 impl Curve {
-    /// Of the terms of a model, the first network where there are several.
+    /// Learning curve from the terms of a model; with several networks, that of the first.
     fn of<'a>(terms: impl Iterator<Item = (&'a str, f64)>) -> Curve {
         let mut curve = Curve::default();
         let epoch = |term: &str, key: &str| -> Option<f64> {

@@ -12,7 +12,7 @@ use crate::{
     views::text::number,
 };
 
-/// Up to so many calibrations have a column each.
+/// Maximum number of calibrations with a separate column.
 const COLUMNS: usize = 8;
 
 /// Models that differ in one axis alone.
@@ -37,7 +37,7 @@ struct Coefficients {
 /// More models than this are not read to say how they vary.
 const MEMBERS: usize = 200;
 
-/// As many tables of models are shown.
+/// Maximum number of tables of models that are shown.
 const TABLES: usize = 4;
 
 /// For each table of models that saw different rows, such as one calibration after the other: how their coefficients

@@ -46,7 +46,7 @@ fn normalised(flown: &Flown) -> Option<Normalised> {
     let (residual, nis) = (flown.residual.as_ref()?, flown.nis.as_ref()?);
     let all: Vec<f64> = residual.iter().zip(nis).map(|(r, n)| n.sqrt().copysign(*r)).collect();
     let there: Vec<usize> = (0..all.len()).filter(|k| all[*k].is_finite()).collect();
-    // A filter that is updated every so many samples has nothing in between: its lags are updates.
+    // A filter with an update every n samples has no innovations in between: its lags are counted in updates.
     let mut gaps: Vec<usize> = there.windows(2).map(|w| w[1] - w[0]).collect();
     let middle = gaps.len() / 2;
     let every = if gaps.is_empty() { return None } else { *gaps.select_nth_unstable(middle).1 };
@@ -192,7 +192,8 @@ mod tests {
             let (points, band) = (&chart.lines[0].points, &chart.bands[0].points);
             points.iter().zip(band).filter(within).count() as f64 / points.len() as f64
         };
-        // Of some 90 lags 95 %, 2 % a sigma; a decay of 0.9 lasts for 40 samples, half of the lags of a logarithmic axis.
+        // For some 90 lags: expected value 95 %, standard deviation 2 %. A decay of 0.9 lasts for 40 samples, half of
+        // the lags of a logarithmic axis.
         assert!(share(0.0) > 0.88, "{}", share(0.0));
         assert!(share(0.9) < 0.6, "{}", share(0.9));
     }

@@ -10,7 +10,7 @@ use schemas::Fault;
 use super::{memory, scan::Unreadable, session::Session, tables::Known};
 use crate::deep;
 
-/// What to say of `e`.
+/// Fault for the error `e`.
 pub fn fault(e: &DataFusionError, session: &Session, query: &str) -> Fault {
     match e.find_root() {
         DataFusionError::ResourcesExhausted(_) => memory::fault(session.memory()),

@@ -1,4 +1,4 @@
-//! What a question may not be: anything that does something.
+//! Rejection of queries that change anything.
 
 use datafusion::{
     common::tree_node::TreeNodeRecursion,
@@ -50,7 +50,7 @@ pub fn plan(plan: &LogicalPlan) -> Result<(), Fault> {
     found.map_or(Ok(()), |what| Err(refused(&what)))
 }
 
-/// What a part of a plan does, where it is more than to read.
+/// Action of a part of a plan, where it does more than read.
 fn does(part: &LogicalPlan) -> Option<String> {
     match part {
         LogicalPlan::Ddl(x) => Some(x.name().to_owned()),

@@ -53,7 +53,7 @@ pub struct Published {
     source: Arc<Source>,
 }
 
-/// What a table is read from.
+/// Source of a table.
 struct Source {
     objects: Arc<Objects>,
     files: Vec<Sealed>,
@@ -224,7 +224,7 @@ fn typed(array: ArrayRef, field: &Field) -> Result<ArrayRef, Fault> {
     cast(&array, field.data_type()).map_err(|fault| fault.in_column(field.name()))
 }
 
-/// What is known of the row groups without reading them.
+/// Statistics of the row groups, without reading them.
 struct OfGroups<'a>(&'a Source);
 
 impl OfGroups<'_> {
@@ -265,7 +265,7 @@ impl PruningStatistics for OfGroups<'_> {
     }
 }
 
-/// What is known of the units without reading them: their keys.
+/// Statistics of the units, without reading them: their keys.
 struct OfUnits<'a>(&'a Logical);
 
 impl PruningStatistics for OfUnits<'_> {
@@ -323,7 +323,7 @@ impl TableProvider for Published {
         let mut kept = vec![true; count];
         if let Some(filter) = conjunction(filters.iter().cloned()) {
             let known = DFSchema::try_from(self.schema.clone())?;
-            // What cannot be judged from statistics is judged row by row, above this scan.
+            // Filters that statistics cannot decide are evaluated row by row, above this scan.
             if let Ok(predicate) = state
                 .create_physical_expr(filter, &known)
                 .and_then(|expr| PruningPredicateBuilder::new().with_file_schema(self.schema.clone()).try_build(expr))

@@ -93,7 +93,7 @@ impl Session {
         self.context.execute_logical_plan(plan).await?.execute_stream().await
     }
 
-    /// What to say of an error of the query `query`.
+    /// Fault for an error of the query `query`.
     pub fn fault(&self, e: &DataFusionError, query: &str) -> Fault {
         explain::fault(e, self, query)
     }

@@ -21,7 +21,7 @@ use crate::store::{Objects, Version, current};
 /// The version of each pipeline: its number, and the checksum of its manifest.
 pub type Pins = BTreeMap<String, (u64, String)>;
 
-/// What there is to ask.
+/// Tables that can be queried.
 #[derive(Debug, Default)]
 pub struct Known {
     /// The versions of the tables.

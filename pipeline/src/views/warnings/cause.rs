@@ -1,4 +1,4 @@
-//! What is likely to be behind a warning, from the scores of the same line and the parameters of its navigation.
+//! Likely cause of a warning, from the scores of the same line and the parameters of its navigation.
 
 use arrow_array::{
     Array,
@@ -111,7 +111,7 @@ impl<'a> Facts<'a> {
         self.row.get("drms").zip(self.row.get("ins_drms")).is_some_and(|(drms, ins)| drms > ins)
     }
 
-    /// What is likely to be behind a warning; `None` where nothing that is known explains it.
+    /// Likely cause of a warning; `None` where no known fact explains it.
     pub fn cause(&self, kind: Kind) -> Option<String> {
         if kind == Kind::Retention {
             let cause = "the model was fitted over strong anomalies, or learnt the map from its inputs; on a single \

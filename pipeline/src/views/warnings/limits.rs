@@ -68,7 +68,7 @@ pub const OFF_MAP_CAUSE: f64 = 0.1;
 /// A constant of the measurement, in its sigmas, from which it is named as a cause: the filter takes it for a position.
 pub const BIAS_SIGMAS: f64 = 2.0;
 
-/// What compensation left, over the measurement sigma, from which it is named as a cause.
+/// Minimum ratio of the compensation error to the measurement sigma at which it is named as a cause.
 pub const LEFT_OVER_SIGMA: f64 = 1.5;
 
 /// By how much two dates of the core field may differ, in years: it changes by up to 100 nT in one.

@@ -1,4 +1,4 @@
-//! What a run says against its own results: filters that are worse than their INS, covariances that are far from the
+//! Warnings of a run about its own results: filters that are worse than their INS, covariances that are far from the
 //! errors, maps at the wrong height, weak fits. One warning is one row of the table `warnings`.
 
 mod cause;
@@ -21,7 +21,7 @@ use cause::Facts;
 pub use row::Row;
 pub use written::written;
 
-/// What a warning is about.
+/// Subject of a warning.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Kind {
     /// The track's horizontal error is larger than that of the INS alone.
@@ -44,11 +44,11 @@ pub enum Kind {
     Flat,
     /// The map is at another height than the flight and is not continued to it.
     MapHeight,
-    /// Part of the geology went with the aircraft's field.
+    /// Compensation removed part of the anomaly.
     Retention,
-    /// What a fit says against itself.
+    /// Warning of a fit.
     Fit,
-    /// What a stage that makes a map says against it.
+    /// Warning of a stage that makes a map.
     Map,
     /// A metric that cannot be computed for a line.
     Metric,
@@ -93,8 +93,8 @@ impl Kind {
         }
     }
 
-    /// Whether a score with this warning can be called good: a filter that diverged, or whose covariance is not its
-    /// error's, is not the best of a sweep whatever its other figures.
+    /// Whether this warning excludes a score from being the best of a sweep. A filter that diverged, or whose
+    /// covariance differs from its error's, is excluded for any values of its other metrics.
     pub fn spoils(self) -> bool {
         match self {
             Kind::WorseThanIns | Kind::NeesHigh | Kind::NeesLow | Kind::NisHigh | Kind::NisLow | Kind::NotWhite => true,
@@ -108,7 +108,7 @@ impl Kind {
         matches!(self, Kind::NeesLow | Kind::NisLow)
     }
 
-    /// What is said of all rows with this warning together.
+    /// Text for all rows with this warning together.
     pub fn of_many(self) -> &'static str {
         match self {
             Kind::WorseThanIns => "the filter is worse than the INS alone",
@@ -138,17 +138,17 @@ pub struct Warning {
     pub point: Point,
     /// Flight and line; none for a fit.
     pub line: Option<(String, String)>,
-    /// What it is about.
+    /// Subject of the warning.
     pub kind: Kind,
     /// The figure that gave rise to it.
     pub value: Option<f64>,
-    /// What the figure is held against.
+    /// Limit of the figure.
     pub limit: Option<f64>,
     /// The unit of both.
     pub unit: &'static str,
-    /// What is wrong, in a sentence.
+    /// Description of the fault, in one sentence.
     pub text: String,
-    /// What is likely to be behind it, from what is known.
+    /// Likely cause, from known facts.
     pub cause: Option<String>,
 }
 
@@ -188,7 +188,7 @@ pub fn find(graph: &Graph, store: &Store, done: &(dyn Fn(Unit) -> bool + Sync)) 
     Ok(found.into_iter().flatten().collect())
 }
 
-/// Those that are in the store now, whatever the last run did.
+/// Warnings of the results that are in the store now, for any outcome of the last run.
 ///
 /// # Errors
 /// Fails when the store cannot be read.
@@ -303,7 +303,7 @@ fn judge(facts: &Facts) -> Vec<Found> {
     found
 }
 
-/// The warning of one fit: each row of a model bears it, and it is told once.
+/// The warning of one fit: each row of a model has it, and it is reported once.
 fn of_fit(graph: &Graph, store: &Store, unit: Unit) -> Result<Vec<Warning>, Fault> {
     if graph.plan.instance(unit.table, unit.instance).makes("warning").is_none() {
         return Ok(vec![]);
@@ -344,7 +344,7 @@ fn of_whole(graph: &Graph, unit: Unit, kind: Kind, told: Vec<String>) -> Vec<War
     told.into_iter().map(one).collect()
 }
 
-/// As many kinds are told one by one.
+/// Maximum number of kinds that are listed one by one.
 const TOLD: usize = 10;
 
 /// All warnings for the end of a run: those of one kind and table together, the worst of them with its place and cause.
@@ -375,7 +375,7 @@ fn group_told(group: &[&Warning]) -> String {
         n => {
             let which = if worst.value.is_some() { "worst" } else { "first" };
             let what = worst.kind.of_many();
-            // What is said of all need not be said of the worst again.
+            // The common text is not repeated for the worst.
             let figures = worst.text.strip_prefix(what).and_then(|t| t.strip_prefix(": ")).unwrap_or(&worst.text);
             format!("{}: {what} at {n} places, {which}{place}: {figures}", worst.stage)
         }

@@ -87,7 +87,7 @@ fn unit_ten_times_the_law_is_hardly_chance() {
     // NEES/2 of a single sample is exponentially distributed with mean 1.
     let exceeded = (-limits::NEES.high() / 2.0).exp();
     assert!(exceeded < 1.0 / 22_000.0, "{exceeded}");
-    // Of three, NEES·3/2 is gamma of shape 3: 1 − e^(−x)(1 + x + x²/2).
+    // For three lines, NEES·3/2 has a gamma distribution of shape 3: 1 − e^(−x)(1 + x + x²/2).
     let x = 3.0 * limits::NEES.low() / 2.0;
     let undercut = 1.0 - (-x).exp() * (1.0 + x + x * x / 2.0);
     assert!(undercut < 0.004, "{undercut}");

@@ -34,7 +34,7 @@ fn ran(lab: &Lab, cluster: &Cluster, cache: &Path) -> Done {
     lab.run(&address("one"), cache, &["--engine", &cluster.engine(), "--key-file", KEY_FILE])
 }
 
-/// How often each unit was computed, by the receipts of the workers.
+/// Number of computations of each unit, by the receipts of the workers.
 fn computed(cluster: &Cluster) -> BTreeMap<String, usize> {
     let mut found = BTreeMap::new();
     for line in cluster.receipts() {

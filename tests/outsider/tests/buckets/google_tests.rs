@@ -1,4 +1,4 @@
-//! Stores and inputs in a bucket of Google's: the bytes of those in folders, whatever the server does.
+//! Stores and inputs in a bucket of Google's: the same bytes as in folders, for any behaviour of the server.
 
 use std::{
     fs,
@@ -40,7 +40,7 @@ fn user_a_store_in_a_bucket_of_google_has_the_bytes_of_one_in_a_folder() {
     let run = lab.run(&google_address("two"), &lab.cache(), &["--engine", "processes", "--threads", "2"]);
     assert_eq!(run.counts(), (0, units, 0), "{}", run.err);
     assert_same(&tables(&lab.path("whole")), &tables(&lab.server.path("two")), "by processes");
-    // What no version rests on goes, and nothing else.
+    // Only unreferenced results are removed.
     let more = lab.run(&at, &lab.cache(), &["--set", "axes.corner=[0.5]"]);
     assert_eq!(more.code, 0, "{}", more.err);
     let dropped = lab.magline(&["gc", "--store", &at, "--keep", "1", "--yes"]);

@@ -76,7 +76,7 @@ pub struct Lab {
     caches: AtomicUsize,
 }
 
-/// What a process did.
+/// Outcome of a process.
 pub struct Done {
     pub code: i32,
     pub out: String,
@@ -96,7 +96,7 @@ impl Done {
     }
 }
 
-/// What a child says, when it has ended.
+/// Exit code and output of a child that has ended.
 pub fn ended(child: Child) -> Done {
     let output = child.wait_with_output().unwrap();
     let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
@@ -218,7 +218,7 @@ impl Lab {
         count
     }
 
-    /// How often each pack was written.
+    /// Number of writes of each pack.
     pub fn packs_written(&self) -> BTreeMap<String, usize> {
         let mut found = BTreeMap::new();
         for asked in self.server.asked().into_iter().filter(|a: &Asked| a.writes_pack() && a.is_done()) {
@@ -243,7 +243,7 @@ impl Lab {
         assert_same(&here, &there, what);
     }
 
-    /// Holds that the store below `prefix` has the packs `expected`, whatever else it has.
+    /// Asserts that the store below `prefix` has the packs `expected`; further packs are permitted.
     pub fn assert_packs(&self, prefix: &str, expected: &Files) {
         let found = files(&self.server.path(prefix));
         for (name, bytes) in expected.iter().filter(|(name, _)| name.starts_with("objects/")) {
@@ -252,7 +252,7 @@ impl Lab {
     }
 }
 
-/// What has times, or belongs to one machine.
+/// Files that hold times, or belong to one machine.
 const TIMED: [&str; 11] =
     ["locks/", "tmp/", "costs/", "plans/", "runs/", "attempts/", "checkpoints/", "tables/", "index", "STORE", "REMOTE"];
 

@@ -233,7 +233,7 @@ fn user_two_pipelines_at_once_share_a_bucket() {
     let first = lab.begun(&address("one"), USERS[0], &lab.cache(), &[]);
     let second = lab.start(&other, &lab.env(USERS[1], &lab.cache()));
     for run in [first, second].map(ended) {
-        // What both ask for is computed by one of them, or by both at once.
+        // A unit that both need is computed by one of them, or by both at once.
         assert_eq!((run.code, run.total("computed") + run.total("reused")), (0, 8 + 24), "{}", run.err);
     }
     assert_same(&tables(&lab.path("whole")), &tables(&lab.server.path("one")), "two pipelines");

@@ -57,7 +57,7 @@ pub struct Asked {
     pub key: String,
     /// Whether it has an `If-Match` or `If-None-Match`.
     pub on_condition: bool,
-    /// What happens to it.
+    /// Injected fault.
     pub fault: Fault,
 }
 
@@ -73,7 +73,7 @@ impl Asked {
     }
 }
 
-/// What happens to a request.
+/// Fault that the server injects into a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fault {
     None,
@@ -93,7 +93,7 @@ pub enum Fault {
 
 type Decide = Box<dyn FnMut(&Asked) -> Fault + Send>;
 
-/// Whose interface a server has.
+/// Interface of a server.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     S3,
@@ -155,7 +155,7 @@ impl Server {
         Server { shared, endpoint, folder, _runtime: runtime }
     }
 
-    /// What happens to requests from now on.
+    /// Sets the faults of later requests.
     pub fn faults(&self, decide: impl FnMut(&Asked) -> Fault + Send + 'static) {
         *locked(&self.shared.decide) = Box::new(decide);
     }
@@ -217,7 +217,7 @@ async fn answered(shared: Arc<Shared>, request: Request<Incoming>) -> Result<Res
     if shared.kind == Kind::Google {
         google::decode(&mut parts);
     }
-    // Of a client that was killed while it sent, nothing counts.
+    // A request of a client that was killed while it sent is discarded.
     let Some(body) = read(body).await else { return Ok(refused(400)) };
     let signed = header(&parts.headers, &AUTHORIZATION);
     let user = signed.split_once("Credential=").and_then(|(_, rest)| rest.split('/').next()).unwrap_or_default();
@@ -239,7 +239,7 @@ async fn answered(shared: Arc<Shared>, request: Request<Incoming>) -> Result<Res
         Fault::None | Fault::Lost(_) | Fault::Cut | Fault::Short | Fault::Late => {}
     }
     let whole = Request::from_parts(parts, s3s::Body::from(body));
-    // What has arrived whole is done to its end, whether or not the client is still there.
+    // A request that has arrived completely is processed to its end, even if the client is gone.
     let (own, of) = (shared.clone(), asked.clone());
     let (status, headers, data) = tokio::spawn(async move { done(&own, &of, whole).await }).await.unwrap();
     let in_two = |data: &Bytes| asked.method == Method::GET && status.is_success() && data.len() > 1;
@@ -265,7 +265,7 @@ async fn answered(shared: Arc<Shared>, request: Request<Incoming>) -> Result<Res
     Ok(response)
 }
 
-/// What the server itself answers.
+/// Response of the server without an injected fault.
 async fn done(shared: &Shared, asked: &Asked, request: s3s::HttpRequest) -> (StatusCode, HeaderMap, Bytes) {
     let reads = matches!(asked.method, Method::GET | Method::HEAD);
     // A bucket has no folders; the store of `s3s-fs` does.

@@ -7,7 +7,7 @@ use crate::sources::{clock_digits, mapping::clock::Form};
 
 /// The clock of a table.
 pub struct Clock {
-    /// As the mapping says it.
+    /// Text of the clock in the mapping.
     pub said: String,
     /// Why.
     pub why: String,
@@ -136,7 +136,7 @@ fn unit_of(column: &Sample, first: f64, step: f64) -> Option<(&'static str, &'st
     }
 }
 
-/// The epoch of a log: a topic that holds a GPS week, or Unix time, beside the log's own clock.
+/// Epoch of a log: a topic that holds both a GPS week, or Unix time, and the log's own clock.
 pub fn epoch_of(topics: &[Topic]) -> String {
     for topic in topics {
         if let Some(text) = of_topic(topic) {
@@ -206,7 +206,7 @@ fn of_topic(topic: &Topic) -> Option<String> {
     Some(lines.join("\n") + "\n")
 }
 
-/// The log's own clock beside the time of the week.
+/// Log's own clock in a topic that also has the time of the week.
 fn boot_beside(topic: &Topic, of_week: &str) -> Option<(String, &'static str)> {
     if let Some(clock) = topic.clock.as_ref().filter(|c| c.boot && c.column != of_week) {
         return Some((clock.column.clone(), clock.unit));

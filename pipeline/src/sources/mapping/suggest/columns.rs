@@ -6,13 +6,13 @@ use schemas::{convert, flight, is_unit, plausible::limits, usual_spelling};
 
 use super::{Topic, quoted, sample::Sample};
 
-/// What a column, or three, may be.
+/// Guess for a column or for three components.
 pub struct Guess {
     /// The name in the flight table; of one that is left out, that of the file.
     pub ours: String,
     /// The names in the file.
     pub theirs: Vec<String>,
-    /// As the mapping says it; empty where it is left out.
+    /// Text of the column in the mapping; empty where it is skipped.
     pub said: String,
     /// Why.
     pub why: String,
@@ -264,7 +264,7 @@ fn scalar(column: &Sample, topic: &Topic) -> Option<Guess> {
             is_vector: false,
         });
     }
-    // What already has the name of the flight table, and a unit of its dimension.
+    // The column already has a name of the flight table, and a unit of its dimension.
     let listed = flight::COLUMNS.iter().any(|(name, _)| *name == column.name);
     if (listed || flight::is_scalar_reading(&column.name) || flight::vector_part(&column.name).is_some())
         && let Some(unit) = said_unit(column, known.unit).filter(|unit| can_be(column, &column.name, unit))

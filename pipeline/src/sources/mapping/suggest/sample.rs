@@ -91,7 +91,7 @@ pub fn samples(reader: &mut FlightReader) -> Result<Vec<Sample>, ReadError> {
     let mut rows = 0;
     while rows < ROWS {
         let Some(part) = reader.next_part() else { break };
-        // What is damaged further on is told when the log is read.
+        // Later damage is reported when the log is read.
         let Ok(part) = part else { break };
         rows += part.batch.num_rows();
         for (sample, column) in out.iter_mut().zip(part.batch.columns()) {

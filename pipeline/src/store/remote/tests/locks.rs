@@ -20,7 +20,7 @@ fn unit_one_host_at_a_time_has_a_pipeline() {
     drop(first);
     let second = mine(two.lock("p").unwrap());
     assert!(!second.follows(seen), "another has had it since");
-    // One that was taken for gone must not go on.
+    // A holder that seemed dead must not resume.
     let lease = "locks/p.lease-3";
     lab.bucket.put(lease, b"{}".to_vec()).unwrap();
     let fault = second.check().unwrap_err().to_string();
@@ -56,7 +56,7 @@ fn unit_one_of_many_creates_and_one_of_many_replaces() {
     let won = each(&texts, |text| lab.bucket.replace("x", text.as_bytes(), Some(tag.clone()))).unwrap();
     assert_eq!(won.iter().filter(|w| **w).count(), 1);
     let there = lab.bucket.get("x").unwrap().unwrap();
-    // Whoever wrote what is there is told so again: its first answer may have been lost.
+    // A repeated write of the same content succeeds again: the first response may have been lost.
     assert!(lab.bucket.create("x", &there).unwrap());
 }
 
