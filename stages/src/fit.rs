@@ -84,9 +84,9 @@ stage! {
     /// (over n) of what the prediction misses: its mean does not count, for a filter takes constants off and compensation
     /// leaves them undetermined; all lines count alike. What was found stands in the column `chosen`.
     ///
-    /// A sweep is solved together: of each line one triangular factor is made, never normal equations, which square the
-    /// condition number; every lambda, number of components and line left out is solved on these. Coefficients are in the
-    /// units of the columns, whatever the scaling, with the intercept as the term `intercept`.
+    /// A sweep is solved together. Each line has one triangular factor, never normal equations, which square the
+    /// condition number. Every lambda, number of components and omitted line is solved on these factors. Coefficients
+    /// are in the units of the columns for every `scaling`, with the intercept as the term `intercept`.
     ///
     /// `std` is one sigma of a coefficient, of the spectrum of the residual and those of the terms, in bands: the filter
     /// and coloured noise make samples depend on each other, which counts. A residual that wanders, as a random walk does without
@@ -151,11 +151,12 @@ lambda = 0.025
     entries: Option<Vec<String>>, unit "", absent "all";
     /// How `lambda` or `components` is found; what it may be depends on the model.
     choose: Choose, unit "", default Choose::Given;
-    /// Where lines or flights are left out: take the simplest model whose error is within one standard error of the least.
+    /// With `choose` by lines or flights, takes the simplest model whose error is within one standard error of the
+    /// least.
     one_standard_error: bool, unit "", default false;
-    /// What columns are divided by before they are penalised. `standardise` is by the
-    /// standard deviation over n - 1, as in MagNav.jl and in the partial least squares and whitened components of
-    /// scikit-learn. Its `StandardScaler` divides by that over n: the same ridge takes `lambda` n / (n - 1) there.
+    /// Divisor of the columns before they are penalised. `standardise` is by the standard deviation over n - 1, as in
+    /// MagNav.jl and in the partial least squares and whitened components of scikit-learn. Its `StandardScaler` divides
+    /// by that over n: the same ridge takes `lambda` n / (n - 1) there.
     scaling: Option<Divisor>, unit "", absent "that of the model";
     /// Fit to the whitened principal components of the features in place of the features: how many of them, or below 1 the
     /// part of the variance that they hold. Coefficients are still those of the features.
@@ -196,7 +197,7 @@ impl Fit {
 
     /// The fit with its words resolved.
     fn point(&self) -> Point {
-        // What is not linear does not commute with a filter.
+        // A nonlinear model does not commute with a filter.
         let (filter, trim) = match self.model.kind.made_of {
             MadeOf::Samples => ((0.0_f64.to_bits(), 0.0_f64.to_bits(), 1), 0),
             MadeOf::Moments | MadeOf::Rows => ((self.low_hz.to_bits(), self.high_hz.to_bits(), self.order), self.trim),
@@ -211,7 +212,7 @@ impl Fit {
         }
     }
 
-    /// What is wrong with the parameters among themselves.
+    /// Contradictions among the parameters.
     fn contradictions(&self) -> Vec<Fault> {
         let (point, mut faults) = (self.point(), vec![]);
         let mut wrong = |what: String, param: &'static str| faults.push(Fault::new(what).of_param(param));
@@ -284,7 +285,7 @@ impl Fit {
     }
 }
 
-/// What is wrong with the model that a training is to begin with.
+/// Error of the model that a training starts from, if any.
 fn warm_start_faults(model: &Chosen<Model>, start: Option<&&Table>) -> Option<Fault> {
     let what = match start? {
         Table::Model { shape, .. } if shape.get("term").is_none() => "`warm_start` has no terms".to_owned(),
@@ -420,7 +421,7 @@ fn start(table: &RecordBatch) -> Result<Start, Fault> {
 pub struct FitGather {
     points: Vec<Point>,
     questions: BTreeMap<Matrix, Question>,
-    /// What the training of each point begins with, where it is given.
+    /// Start of the training of each point, where one is given.
     starts: Vec<Result<Option<Start>, Fault>>,
 }
 

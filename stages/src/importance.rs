@@ -66,9 +66,8 @@ stage! {
     /// Finds how much each input matters to a fitted model on each line: a row for each group of inputs, with `value` and,
     /// for what is a mean, the `spread` behind it. Models of all kinds are explained, by their predictions alone.
     ///
-    /// Every entry of the features that the model uses is a group by itself, but for those that `groups` put together.
-    /// Inputs that say the same share what they matter or hide it from each other: put what comes of one sensor into one
-    /// group.
+    /// Every entry of the features that the model uses is a separate group, except those that `groups` combines.
+    /// Correlated inputs share or mask importance: put the inputs of one sensor into one group.
     ///
     /// | `method` | `value` | `spread` |
     /// |---|---|---|
@@ -86,9 +85,9 @@ stage! {
     /// that is due to that. Samples without a value in an input or the target, and those that `where` leaves out, do not
     /// count. A line that is too short is refused.
     ///
-    /// Of `shapley` and `expected_gradients` the lists `sample_values` and `sample_inputs` hold `kept_samples` of the samples: the
-    /// part of the prediction, and the value of the input, NaN of a group of several. The report draws them as the
-    /// beeswarm of the SHAP package, of all lines together.
+    /// For `shapley` and `expected_gradients` the lists `sample_values` and `sample_inputs` hold `kept_samples` of the
+    /// samples. They are the part of the prediction, and the value of the input, NaN for a group of several. The report
+    /// draws them as the beeswarm of the SHAP package, of all lines together.
     ///
     /// By how much the error grows when an input is dropped and the model refitted is a sweep: an axis of all subsets that lack
     /// one at most, `{ subsets_of = [...], at_least = n - 1 }`, as `entries` or `inputs` of the fit; a sweep over `seed` of the fit
@@ -106,7 +105,7 @@ model   = "fit"
 target  = "mag_4_uc"
 block_s = 1.0
 "#;
-    /// What the model was fitted to explain, such as `mag_4_uc`.
+    /// Signal that the model was fitted to, such as `mag_4_uc`.
     target: String, unit "nT";
     /// How it is found.
     method: Method, unit "", default Method::Permutation;
@@ -114,14 +113,14 @@ block_s = 1.0
     groups: Vec<String>, unit "", default Vec::<String>::new();
     /// The length of the blocks that are exchanged: longer than the target and the inputs take to change.
     block_s: f64, unit "s", default 30.0, rule Rule::Positive;
-    /// How often they are exchanged.
+    /// Number of exchanges.
     repeats: usize, unit "1", default 10usize, rule Rule::Between(1.0, 10_000.0);
     /// How many samples of a line are explained.
     samples: usize, unit "samples", default 200usize, rule Rule::Between(2.0, 1e6);
     /// How many samples they are compared with.
     background: usize, unit "samples", default 50usize, rule Rule::Between(1.0, 1e5);
-    /// How many orders of the groups, each with its reverse, are drawn for each sample and background sample; so many times
-    /// `background` points have a gradient.
+    /// Number of orders of the groups, each with its reverse, drawn for each sample and background sample. Gradients
+    /// are computed at `draws` times `background` points.
     draws: usize, unit "1", default 2usize, rule Rule::Between(2.0, 1e5);
     /// How many of the explained samples are kept one by one, evenly spread; 0 keeps none.
     kept_samples: usize, unit "samples", default 100usize, rule Rule::Between(0.0, 10_000.0);

@@ -52,7 +52,7 @@ pub mod testing {
     pub const STEP_M: f64 = 100.0;
     /// The height of the map, in metres.
     pub const LEVEL_M: f64 = 300.0;
-    /// Of the waves eastward and northward, in 1/m.
+    /// Wavenumbers of the waves eastward and northward, in 1/m.
     pub const K: [f64; 2] = [2.0 * std::f64::consts::PI / 1600.0, 2.0 * std::f64::consts::PI / 1200.0];
 
     /// A harmonic field of whole periods over the map, at the height `up_m` above it, in nT.

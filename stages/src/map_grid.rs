@@ -122,9 +122,9 @@ pub struct Mapped {
     pub map: AnomalyGrid,
     /// The error to be expected at each node, in nT, where lines were left out in turn.
     pub error: Option<AnomalyGrid>,
-    /// What gridding did.
+    /// Report of the gridding.
     pub report: GridReport,
-    /// What levelling did.
+    /// Result of the levelling.
     pub levelled: Option<Levelled>,
 }
 
@@ -134,7 +134,7 @@ pub use points::without_far;
 pub type Progress<'a> = gridding::Progress<'a>;
 
 impl MapGrid {
-    /// Refuses parameters that cannot be, whatever the points.
+    /// Rejects parameters that are invalid for all points.
     ///
     /// # Errors
     /// The parameter and why.
@@ -152,7 +152,7 @@ impl MapGrid {
     /// The EPSG code of the map's coordinate system, where it is given.
     ///
     /// # Errors
-    /// What is no such code.
+    /// Fails for an invalid code.
     pub fn epsg(&self) -> Result<Option<u16>, Fault> {
         epsg_of(self.to_epsg)
     }
@@ -294,7 +294,7 @@ impl MapGrid {
         again.into_iter().filter_map(|(which, asked, key)| twice(shape, value, which, Some(asked), key)).collect()
     }
 
-    /// What is wrong with the columns of the lines.
+    /// Faults of the columns of the lines.
     fn missing(&self, shape: &Shape) -> Vec<Fault> {
         let mut faults: Vec<Fault> = [("lat", "deg"), ("lon", "deg"), ("alt", "m")]
             .into_iter()
@@ -339,13 +339,13 @@ pub const NO_HEIGHTS: &str = "the points have no heights, so that of the map is 
 /// The EPSG code of a parameter `to_epsg`.
 ///
 /// # Errors
-/// What is no such code.
+/// Fails for an invalid code.
 pub(crate) fn epsg_of(to_epsg: Option<usize>) -> Result<Option<u16>, Fault> {
     let wrong = |code: usize| Fault::new(format!("there is no EPSG code {code}")).of_param("to_epsg");
     to_epsg.map(|code| u16::try_from(code).map_err(|_| wrong(code))).transpose()
 }
 
-/// What the options or the points do not allow, and the way out.
+/// Fault for unsuitable options or points, with its remedy.
 fn refused(error: &GridError) -> Fault {
     match error {
         GridError::BelowSources { lowest_m, .. } => {

@@ -1,5 +1,5 @@
-//! What a model sees of its columns: each less its mean over its deviation, and where asked for their whitened principal
-//! components. [thesis 000, section 4.9]
+//! Scaling of a model's inputs: minus the mean, over the deviation, with whitened principal components on request.
+//! [Gnadt 2022, section 4.9]
 
 use numerics::regression::least_squares::{LeastSquaresError, Moments, Scaling};
 use numerics::regression::principal_components::{Kept, PrincipalComponents};
@@ -51,7 +51,7 @@ pub enum InputsError {
         "components are a number of 1 to {width}, or a part of the variance between 0 and 1, but {given} is asked for"
     )]
     Keep {
-        /// What was asked for.
+        /// Requested value.
         given: f64,
         /// The number of columns.
         width: usize,

@@ -1,6 +1,6 @@
-//! What is checked of rows and settings before anything is computed from them.
+//! Checks of rows and settings before a computation.
 
-/// What is wrong with rows or with a setting.
+/// Error in rows or in a setting.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum RowsError {
     /// A slice has not as many entries as its rows and columns say.
@@ -34,7 +34,7 @@ pub enum RowsError {
     Setting {
         /// The setting.
         what: &'static str,
-        /// What it must be.
+        /// Required value.
         wanted: &'static str,
         /// The given value.
         given: f64,

@@ -1,4 +1,4 @@
-//! What the last bits of a result depend on beside its inputs.
+//! Sources of differences in the last bits of a result, other than its inputs.
 //!
 //! IEEE 754 fixes the four operations and the square root. It does not fix sines, exponentials and powers, which come
 //! from the system's mathematical library, nor the order of the sums in a matrix product or a Fourier transform, which

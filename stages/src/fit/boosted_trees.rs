@@ -15,7 +15,7 @@ use crate::trained::{self, Learned, list};
 
 /// Seconds between two states that are kept.
 const KEPT_EVERY_S: f64 = 1.0;
-/// A validation loss of so many times the training loss is said to overfit.
+/// Ratio of validation loss to training loss above which a warning reports overfitting.
 const OVERFITS: f64 = 4.0;
 
 model! {
@@ -31,7 +31,7 @@ model! {
     inputs: Option<Vec<String>>, unit "", absent "all features";
     /// How many trees at most.
     trees: usize, unit "1", default 200usize, rule Rule::Between(1.0, 100_000.0);
-    /// What each tree is multiplied by, often called the learning rate. Half of it needs twice as many trees.
+    /// Factor on each tree, often called the learning rate. Half of it needs twice as many trees.
     shrinkage: f64, unit "1", default 0.1, rule Rule::Between(1e-6, 1.0);
     /// Leaves of a tree at most.
     leaves: usize, unit "1", default 31usize, rule Rule::Between(2.0, 65_536.0);
@@ -39,7 +39,7 @@ model! {
     depth: Option<usize>, unit "1", absent "no limit but `leaves`", rule Rule::Positive;
     /// The least number of samples of a leaf.
     leaf_samples: usize, unit "samples", default 20usize, rule Rule::Positive;
-    /// What is added to the number of samples of a leaf where its value is found: it shrinks small leaves.
+    /// Constant added to the number of samples of a leaf when its value is computed. It shrinks small leaves.
     leaf_l2: f64, unit "samples", default 0.0, rule Rule::NotNegative;
     /// The part of the samples that each tree sees.
     subsample: f64, unit "1", default 1.0, rule Rule::Between(1e-3, 1.0);
@@ -63,7 +63,7 @@ impl FitModel for BoostedTrees {
         let (x, y) = (samples.columns(&at, &train), samples.target(&train));
         let ahead = (samples.columns(&at, &validate), samples.target(&validate));
         let ahead = (!ahead.1.is_empty()).then_some((ahead.0.as_slice(), ahead.1.as_slice()));
-        // What an earlier run of the same training left; of anything else it begins anew.
+        // An earlier run of the same training is resumed; any other training starts anew.
         let begun = work.kept().and_then(|bytes| trees_from_bytes(&bytes)).unwrap_or_default();
         let (mut stopped, mut kept, known) = (None, None::<Instant>, begun.len());
         let mut each = |trees: &[Tree], train: f64, validation: f64| {

@@ -20,7 +20,7 @@ impl Components {
     /// as many as hold that part of the variance.
     ///
     /// # Errors
-    /// As [`PrincipalComponents::of`].
+    /// The same as for [`PrincipalComponents::of`].
     pub fn whitened(features: &Moments, names: Vec<String>, keep: f64) -> Result<Self, Fault> {
         let kept = if keep < 1.0 { Kept::Variance(keep) } else { Kept::Count(keep as usize) };
         let found = PrincipalComponents::of(features, Scaling::Standardise, kept, true).map_err(data)?;

@@ -1,4 +1,4 @@
-//! The network of thesis 004 beside the extended model of Tolles and Lawson.
+//! The network of van der Meer 2025 added to the extended model of Tolles and Lawson.
 
 use learning::network::Form;
 
@@ -8,7 +8,7 @@ use super::{
 };
 
 model! {
-    /// As `tlnn`, of what the extended model leaves: all features are linear terms where `linear` does not name them.
+    /// The same as `tlnn`, for the residual of the extended model. Without `linear`, all features are linear terms.
     ///
     /// Source: thesis 004, section 4.4.2 and Table 4.7.
     ExtendedTollesLawsonNetwork = "etlnn", version 1, scaling Standardise, intercept true, made of Samples, choose [Given], takes [whiten],

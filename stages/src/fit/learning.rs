@@ -126,7 +126,7 @@ impl FitGather {
         teams.into_iter().flat_map(team).collect()
     }
 
-    /// What the points of a team learn, which are networks where they are several.
+    /// Trains the points of a team. A team of several points has only networks.
     fn learnt_together(
         &self,
         samples: &Samples,
@@ -154,7 +154,7 @@ impl FitGather {
     }
 }
 
-/// What the inputs of a network depend on beside the samples.
+/// Key of a network's inputs: their dependencies other than the samples.
 #[derive(PartialEq, Eq, PartialOrd, Ord)]
 struct InputsKey<'a> {
     /// The keys `inputs` and `validation`; none of another model, and of a network that begins as another one, which brings

@@ -1,4 +1,4 @@
-//! A network beside a fixed linear model.
+//! A network added to a fixed linear model.
 
 use learning::network::Form;
 

@@ -1,4 +1,4 @@
-//! A network beside a linear model that is trained along.
+//! A network added to a linear model, with joint training.
 
 use learning::network::Form;
 use schemas::Rule;
@@ -9,8 +9,9 @@ use super::{
 };
 
 model! {
-    /// As `m2b`, with the coefficients trained along: a . b + N(x). They begin as those of the ridge. In training the terms
-    /// are centred and scaled, and with `whiten` uncorrelated; the table has the coefficients of the terms as they are.
+    /// The same as `m2b`, with the coefficients trained too: a . b + N(x). They begin as those of the ridge. In
+    /// training the terms are centred and scaled, and with `whiten` uncorrelated; the table has the coefficients of the
+    /// original terms.
     ///
     /// Source: thesis 000, section 4.2, model 2c; Gnadt 2022.
     M2c = "m2c", version 2, scaling Standardise, intercept true, made of Samples, choose [Given], takes [whiten],

@@ -1,4 +1,4 @@
-//! What a fit model declares of itself.
+//! Declaration of a fit model.
 //!
 //! A model is one file: its declaration by [`model!`](crate::model!), its fit, its tests; and one line in [`MODELS`](super::MODELS). The
 //! struct of a model holds the keys that it declares and nothing else, so that it cannot depend on a key of another model.
@@ -21,15 +21,15 @@ pub struct Model {
     pub name: &'static str,
     /// Raised whenever its answer changes.
     pub version: u32,
-    /// What it minimises, when you want it, source: the lines of its documentation.
+    /// Lines of its documentation: objective, use and source.
     pub doc: &'static [&'static str],
-    /// What columns are divided by where `scaling` is left out.
+    /// Divisor of the columns where `scaling` is unset.
     pub scaling: Divisor,
     /// Whether a constant is fitted where `intercept` is left out.
     pub intercept: bool,
-    /// What it is made of.
+    /// Kind of data that the model is fitted to.
     pub made_of: MadeOf,
-    /// What `choose` may be.
+    /// Permitted values of `choose`.
     pub choose: &'static [Choose],
     /// The settings of the stage that it takes and some models do not.
     pub takes: &'static [&'static str],
@@ -66,7 +66,7 @@ impl Kind for Model {
     }
 }
 
-/// What a model finds.
+/// Result of a model's fit.
 pub struct Answer {
     /// Coefficients in the units of the columns.
     pub fit: LinearFit,
@@ -79,13 +79,13 @@ pub struct Answer {
 }
 
 impl Answer {
-    /// Of a model that does not know the errors of its coefficients.
+    /// Answer of a model that does not estimate the errors of its coefficients.
     pub fn without_errors(fit: LinearFit, residual_std: f64, chosen: f64) -> Answer {
         Answer { std: vec![f64::NAN; fit.coefficients.len()], fit, residual_std, chosen }
     }
 }
 
-/// What a model that is made of samples learns.
+/// Result of a model that is fitted to samples.
 pub struct Learnt {
     /// The model.
     pub model: Learned,
@@ -93,7 +93,7 @@ pub struct Learnt {
     pub chosen: f64,
     /// How the training went: further rows of the table, such as `epoch_training[3]`.
     pub curve: Vec<Term>,
-    /// What to know before it is trusted; empty where nothing is.
+    /// Reasons to distrust it; empty if there are none.
     pub warning: String,
 }
 
@@ -120,12 +120,12 @@ pub trait FitModel: Send + Sync {
         None
     }
 
-    /// What is wrong with its keys and the settings among themselves.
+    /// Contradictions among its keys and the settings.
     fn faults(&self, _: &Settings) -> Vec<Fault> {
         self.network().map(|network| network.faults()).unwrap_or_default()
     }
 
-    /// Why one of its own keys has no say beside the others; `None` where it has.
+    /// Reason why a key of the model has no effect; `None` where it has one.
     fn idle(&self, key: &str) -> Option<Fault> {
         self.network()?.keys.idle(key)
     }
@@ -164,7 +164,7 @@ pub trait FitModel: Send + Sync {
 impl Model {
     /// Why a key has no say with this `choose`.
     pub(super) fn unchosen(&self, choose: Choose, key: &str) -> Option<Fault> {
-        // What the model does not know is a fault of its own.
+        // An unsupported `choose` is a separate fault.
         if !self.choose.contains(&choose) {
             return None;
         }
@@ -187,7 +187,7 @@ impl Model {
         })
     }
 
-    /// What the reference says of it.
+    /// Entry of the model in the reference.
     pub(super) fn document(&self) -> KindDoc {
         let choose: Vec<String> = self.choose.iter().map(|c| format!("`{}`", c.word())).collect();
         let takes: Vec<String> = self.takes.iter().map(|key| format!("`{key}`")).collect();

@@ -1,4 +1,4 @@
-//! What the models that are networks have in common: their keys, the linear model beside the network, the training.
+//! Common parts of the models that are networks: their keys, the linear model and the training.
 
 mod core;
 mod inputs;

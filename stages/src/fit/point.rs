@@ -12,11 +12,11 @@ use super::{
 
 /// A model with its keys, the settings with the model's defaults put in, and what it is fitted to.
 pub struct Point {
-    /// What the model declares.
+    /// Declaration of the model.
     pub kind: &'static Model,
     /// The model.
     pub model: Arc<dyn FitModel>,
-    /// What most models have in common.
+    /// Common settings of most models.
     pub settings: Settings,
     /// The column that is explained.
     pub target: String,

@@ -23,7 +23,7 @@ use crate::columns::data;
 /// Directions with less than this part of the strongest's excitation are named.
 const WEAK: f64 = 1e-4;
 
-/// What the size of a total field can be on earth.
+/// Range of the magnitude of a total field on earth, nT.
 const TOTAL_NT: std::ops::Range<f64> = 20_000.0..80_000.0;
 
 /// All lines of one matrix and target.
@@ -44,9 +44,9 @@ pub struct Problem<'a> {
     pub(super) unused: String,
     /// Which of the matrix' columns are used; `None` for all of them.
     places: Option<Vec<usize>>,
-    /// Of all lines together.
+    /// Moments of all lines together.
     pub merged: Moments,
-    /// Of some rows of all lines as they were before the filter.
+    /// Moments of some rows of all lines before the filter.
     unfiltered: Option<Moments>,
     /// The names of the columns.
     pub terms: Vec<String>,
@@ -175,7 +175,7 @@ impl<'a> Problem<'a> {
         all
     }
 
-    /// What is left out one after the other: the lines, or all lines of a flight together.
+    /// Groups that are omitted one after the other: the lines, or all lines of a flight together.
     ///
     /// # Errors
     /// When a line has another number of features than the problem.
@@ -235,7 +235,7 @@ impl<'a> Problem<'a> {
         let components = Components::whitened(&self.merged, std::mem::take(&mut self.terms), keep)?;
         self.terms = components.names();
         self.merged = components.of(&self.merged)?;
-        // What the unfiltered terms tell is told of the features.
+        // The unfiltered moments describe the features, not the components.
         self.unfiltered = None;
         self.components = Some(components);
         Ok(self)
@@ -306,14 +306,14 @@ impl<'a> Problem<'a> {
     /// When the decomposition does not converge.
     pub fn solve_ridges(&mut self, settings: &Settings, lambdas: &[f64]) -> Result<(), Fault> {
         let (prepared, _) = self.prepared(settings)?;
-        // Where one cannot be solved, such as 0 with terms that nothing excites, each is tried by itself later.
+        // Where one cannot be solved, such as 0 with terms that nothing excites, each is tried separately later.
         if let Ok(path) = prepared.ridge(lambdas, &self.terms) {
             self.paths.insert((settings.scaling as u8, settings.intercept), Arc::new(path));
         }
         Ok(())
     }
 
-    /// What [`Problem::solve_ridges`] found for these settings.
+    /// Result of [`Problem::solve_ridges`] for these settings.
     pub fn path(&self, settings: &Settings) -> Option<&Arc<RidgePath>> {
         self.paths.get(&(settings.scaling as u8, settings.intercept))
     }
@@ -335,7 +335,7 @@ impl<'a> Problem<'a> {
         (scale_nt.is_finite() && TOTAL_NT.contains(&total_nt)).then_some((total_nt, scale_nt))
     }
 
-    /// What the linear form of a model misses at most; NaN where its terms cannot say that.
+    /// Upper bound of the error of the linear form of a model; NaN where its terms do not determine it.
     pub(super) fn approximation_bound_nt(&self, fit: &LinearFit) -> f64 {
         let Some((field_nt, scale_nt)) = self.field() else { return f64::NAN };
         let value = |name: &str| {
@@ -375,15 +375,15 @@ fn own(moments: &Moments, places: Option<&[usize]>) -> Result<Moments, Fault> {
     }
 }
 
-/// What was wrong where lines or flights were left out.
+/// Fault of a fit that omits lines or flights in turn.
 pub fn lines_needed(error: LeastSquaresError) -> Fault {
     data(error).help("leaving one out needs two or more lines, or flights: select more, or choose otherwise")
 }
 
-/// As many lines are named one by one.
+/// Maximum number of lines listed by name.
 const NAMED: usize = 5;
 
-/// Of which selected lines nothing can be used, and why; empty where there are none.
+/// Names of the unusable selected lines, with reasons; empty where there are none.
 fn too_short(lines: &[(&Part, &Share)]) -> String {
     let lines: Vec<&(&Part, &Share)> = lines.iter().filter(|(_, s)| s.selected > 0).collect();
     let one = |(part, share): &&(&Part, &Share)| {

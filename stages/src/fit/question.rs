@@ -1,6 +1,6 @@
-//! What is asked of each line: the columns of a fit, and how they are filtered.
+//! Request to each line: the columns of a fit, and their filter.
 
-/// What the points of a sweep share: the same matrix, filtered in the same way.
+/// Matrix that the points of a sweep share, filtered in the same way.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Matrix {
     /// The columns.

@@ -12,10 +12,10 @@ use super::{
 use crate::trained::{self, Learned};
 
 model! {
-    /// A linear model with a Gaussian process on top, of standardised inputs: random Fourier features of a Gaussian kernel
-    /// beside the inputs themselves, with a ridge whose strength is the most likely one. There is nothing to train, and
-    /// little to choose. One sigma of its prediction grows where samples are rare; it is that of the function, and too small
-    /// where errors last from sample to sample.
+    /// A linear model with a Gaussian process on top, of standardised inputs. It combines the inputs with random
+    /// Fourier features of a Gaussian kernel and solves a ridge of the most likely strength. It needs no training and
+    /// few choices. The standard deviation of its prediction grows where samples are rare. It is that of the function,
+    /// and too small where errors are correlated from sample to sample.
     ///
     /// Source: Rahimi & Recht 2007; Rasmussen & Williams 2006, chapters 2 and 5.
     RandomFeatures = "random_features", version 1, scaling Standardise, intercept true, made of Samples, choose [Given],

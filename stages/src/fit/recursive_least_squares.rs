@@ -17,9 +17,9 @@ model! {
     /// Least squares row by row in time, older rows `forgetting`. It begins with coefficients of zero and the ridge `lambda`,
     /// of columns over their standard deviations.
     ///
-    /// What is forgotten is given back as a ridge about the coefficients of that moment, so that a direction which the
-    /// flight does not excite for long keeps its value; the recursion of textbooks forgets its beginning too. With
-    /// `forgetting = 1.0` nothing is forgotten, and both are the ridge.
+    /// Forgotten information returns as a ridge about the coefficients of that moment. A direction that the flight does
+    /// not excite for long keeps its value; the recursion of textbooks forgets its beginning too. With `forgetting =
+    /// 1.0` nothing is forgotten, and both are the ridge.
     ///
     /// Source: Haykin 2002, "Adaptive Filter Theory", chapter 9.
     RecursiveLeastSquares = "recursive_least_squares", version 1, scaling Standardise, intercept false, made of Rows,

@@ -1,4 +1,4 @@
-//! What a fit leaves on its own lines over all frequencies, as the noise of what it compensates.
+//! Residual of a fit on its own lines over all frequencies, as the noise of the compensated signal.
 //!
 //! A fit on band-passed data is judged by `residual_std` in its band alone; what navigation suffers from is mostly below
 //! it. So means of the unfiltered rows over about a second are kept, with some steps between neighbouring samples, and

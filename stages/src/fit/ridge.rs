@@ -88,7 +88,7 @@ pub fn ridge(problem: &Problem, settings: &Settings, prepared: &Prepared, lambda
 }
 
 impl Penalty {
-    /// What is wrong with the strengths to choose among.
+    /// Errors in the candidate ridge parameters.
     pub fn faults(&self) -> Vec<Fault> {
         let wrong = |l: &Vec<f64>| l.len() < 3 || l.iter().any(|x| !(*x > 0.0 && x.is_finite()));
         let fault = || Fault::new("`lambdas` must be three or more numbers above 0").of_param("lambdas");

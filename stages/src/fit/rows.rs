@@ -34,9 +34,9 @@ pub type TermRate = Option<(RateLaw, f64)>;
 
 /// One line's share of a fit.
 pub struct Share {
-    /// Of the filtered and trimmed rows.
+    /// Moments of the filtered and trimmed rows.
     pub moments: Moments,
-    /// Of some rows as they were before the filter.
+    /// Moments of some rows before the filter.
     pub unfiltered: Option<Moments>,
     /// The rows themselves, where a model needs them.
     pub rows: Option<Rows>,
@@ -109,7 +109,7 @@ impl<'a> Block<'a> {
     }
 }
 
-/// What is asked of one line with the same filter and the same usable rows.
+/// Requests to one line with the same filter and the same usable rows.
 struct Group<'a> {
     runs: Vec<Range<usize>>,
     selected: usize,
@@ -153,7 +153,7 @@ impl Part {
             }
         }
         for group in &groups {
-            // What is wrong with the filter of one question is nothing to the others.
+            // A fault in the filter of one question does not affect the others.
             if let Err(fault) = fold(&mut part, batch, &blocks, group, questions, rate_hz) {
                 let asked = group.asked.iter().flat_map(|(k, all)| all.iter().map(move |t| ((*k).clone(), t.clone())));
                 for at in asked {
@@ -308,7 +308,7 @@ fn spectra(
     spectra
 }
 
-/// What the noise of the group's models is found from.
+/// Unfiltered data for the noise of the group's models.
 fn unfiltered(
     batch: &RecordBatch,
     blocks: &BTreeMap<&str, Block>,

@@ -119,7 +119,7 @@ impl Samples<'_> {
     }
 }
 
-/// What one point of a sweep begins with, keeps and says while it learns.
+/// Start, stored state and messages of one point of a sweep during training.
 pub struct PointWork<'a> {
     /// That of all points.
     pub work: &'a dyn Work,

@@ -27,7 +27,7 @@ impl Choose {
 }
 
 choice! {
-    /// What columns are divided by before they are penalised, as the spec says it.
+    /// Divisor of the columns before they are penalised, as in the spec.
     pub enum Divisor {
         /// Nothing.
         None = "none",
@@ -41,7 +41,7 @@ choice! {
 }
 
 impl Divisor {
-    /// As the numerics call it.
+    /// Type of the numerics for this divisor.
     pub const fn scaling(self) -> Scaling {
         match self {
             Divisor::None => Scaling::None,
@@ -52,7 +52,7 @@ impl Divisor {
     }
 }
 
-/// What a model is made of.
+/// Kind of data that a model is fitted to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MadeOf {
     /// The moments of the lines, whose factors a whole sweep shares.
@@ -63,10 +63,10 @@ pub enum MadeOf {
     Samples,
 }
 
-/// What most models have in common, with the defaults of the model put in.
+/// Common settings of most models, with the model's defaults.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
-    /// What columns are divided by before they are penalised.
+    /// Divisor of the columns before they are penalised.
     pub scaling: Scaling,
     /// Whether a constant is fitted too.
     pub intercept: bool,

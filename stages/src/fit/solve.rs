@@ -29,11 +29,11 @@ pub struct Row {
     pub std: f64,
 }
 
-/// Of what the noise of a model is found.
+/// Source of the noise of a model.
 pub enum Left {
-    /// Of the coefficients of a linear one, with their terms.
+    /// Coefficients of a linear model, with their terms.
     By(LinearFit, Vec<String>),
-    /// Of what it leaves of the rows of each line.
+    /// Residuals of the rows of each line.
     Series(Vec<Blocks>),
 }
 
@@ -41,7 +41,7 @@ pub enum Left {
 pub struct Solved {
     /// The model, and how it was trained.
     pub table: Vec<Row>,
-    /// Of what its noise is found.
+    /// Source of its noise.
     pub left: Left,
     /// Rows that were used, and rows of the selected lines that were not.
     pub rows: (usize, usize),
@@ -53,20 +53,20 @@ pub struct Solved {
     pub chosen: f64,
     /// How much of the total field is explained away; NaN where the terms cannot tell.
     pub trivial_share: f64,
-    /// What the linear form misses at most; NaN where the terms cannot tell.
+    /// Upper bound of the error of the linear form; NaN where the terms do not determine it.
     pub approximation_bound_nt: f64,
     /// The lines whose rows were used.
     pub lines: String,
     /// The rate at which terms are differences per sample, Hz.
     pub rate_hz: f64,
-    /// What to know before the fit is trusted.
+    /// Reasons to distrust the fit.
     pub warning: String,
 }
 
 /// The linear model of one point.
 ///
 /// # Errors
-/// As [`FitModel::fit`](super::FitModel::fit), and when the decomposition does not converge.
+/// The same as for [`FitModel::fit`](super::FitModel::fit), and when the decomposition does not converge.
 pub fn solve(problem: &mut Problem, point: &Point) -> Result<Solved, Fault> {
     let (prepared, excited) = problem.prepared(&point.settings)?;
     let answer = point.model.fit(problem, &point.settings, &prepared)?;
@@ -152,7 +152,7 @@ pub fn solved(problem: &Problem, samples: &Samples, learnt: Learnt) -> Result<So
     })
 }
 
-/// What a model leaves of the target of a line.
+/// Residual of a model on the target of a line.
 fn residual(samples: &Samples, line: &LineSamples, model: &Learned) -> Result<Vec<f64>, Fault> {
     let place = |name: &String| samples.names.iter().position(|n| n == name);
     let at: Option<Vec<usize>> = model.columns().iter().map(place).collect();

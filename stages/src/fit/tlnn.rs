@@ -1,4 +1,4 @@
-//! The network of thesis 004 beside the model of Tolles and Lawson.
+//! The network of van der Meer 2025 added to the model of Tolles and Lawson.
 
 use learning::network::Form;
 

@@ -21,8 +21,8 @@ const STEPS: usize = 1000;
 /// A target of this size is a total field, of which core field and temporal variation are no noise.
 const TOTAL_NT: Range<f64> = 15_000.0..80_000.0;
 
-/// The columns beside target and features that the noise is found with, where a line has them: the core field, or what it
-/// is computed of, and the temporal variation.
+/// Additional columns for the noise, where a line has them: the core field or the columns to compute it from, and the
+/// temporal variation.
 pub const EARTH: [&str; 7] = ["igrf", "diurnal", "ins_lat", "ins_lon", "ins_alt", "year", "doy"];
 
 /// Columns over the blocks and steps of a line: each column's values in the order of [`Layout`].
@@ -82,7 +82,7 @@ pub struct Wide {
 }
 
 impl Wide {
-    /// Of the rows `runs` of a line.
+    /// Takes the rows `runs` of a line.
     pub fn new(batch: &RecordBatch, runs: &[Range<usize>], rate_hz: f64) -> Self {
         let layout = Layout::new(runs, rate_hz);
         let core = floats(batch, "igrf").ok().map(|x| layout.values(|row| x[row]));
@@ -107,8 +107,8 @@ impl Wide {
         self.targets.entry(name.to_owned()).or_insert_with(|| (layout.values(|row| values[row]), removed));
     }
 
-    /// What a model leaves of the target: `terms` are the names of all entries of the features, one after the other, and
-    /// `coefficients` those that the model has, with their names.
+    /// Residual of a model on the target. `terms` are the names of all entries of the features, one after the other,
+    /// and `coefficients` those of the model, with their names.
     pub fn residual<'a>(
         &self,
         target: &str,

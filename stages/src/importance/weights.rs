@@ -1,4 +1,4 @@
-//! What groups of inputs matter on a line, by each method.
+//! Importance of groups of inputs on a line, by each method.
 
 use std::{convert::Infallible, fmt::Display};
 
@@ -22,7 +22,7 @@ use crate::{
 /// A column whose deviation is below this part of its mean holds nothing but the rounding of its mean.
 const LEAST_DEVIATION: f64 = 1e-12;
 
-/// What a group matters.
+/// Importance of a group.
 pub struct Weight {
     /// How much.
     pub value: f64,
@@ -30,13 +30,13 @@ pub struct Weight {
     pub spread: f64,
     /// The standard error due to sampling; NaN without.
     pub error: f64,
-    /// What is behind it.
+    /// Number of values behind it.
     pub n: usize,
 }
 
-/// What is found of a line.
+/// Importance of the inputs on a line.
 pub struct Found {
-    /// What each group matters.
+    /// Importance of each group.
     pub weights: Vec<Weight>,
     /// The samples one by one, where they are explained.
     pub samples: Option<Samples>,
@@ -117,7 +117,7 @@ impl Rows {
 }
 
 impl Importance {
-    /// The groups of entries: those that are named, then every other entry by itself.
+    /// The groups of entries: the named ones, then every other entry separately.
     ///
     /// # Errors
     /// When a group has no entry, or shares one with another.
@@ -147,7 +147,7 @@ impl Importance {
         if groups.is_empty() { Err(Fault::data("the model has no inputs")) } else { Ok((names, groups)) }
     }
 
-    /// What each group matters on a line.
+    /// Computes the importance of each group on a line.
     ///
     /// # Errors
     /// When the method is not for the model, or the line is too short for it.
@@ -169,7 +169,7 @@ impl Importance {
         let predict = |x: &[f64]| Ok::<_, Infallible>(fitted.field_nt(x));
         let block = (self.block_s * rows.rate_hz).round().max(1.0) as usize;
         let blocks = Blocks { rows: block, repeats: self.repeats, seed: self.seed as u64 };
-        // As where lines are left out in `fit`, the mean of what the model misses does not count.
+        // The mean residual does not count, as in `fit` when it omits lines in turn.
         let missed: Vec<f64> = rows.y.iter().zip(fitted.field_nt(&rows.x)).map(|(y, f)| y - f).collect();
         let mean = statistics::mean(&missed).value;
         let y: Vec<f64> = rows.y.iter().map(|y| y - mean).collect();

@@ -94,7 +94,7 @@ fn mapped(stage: &MapGrid, parts: &[&Part]) -> Result<Product, Fault> {
     Ok(Product { columns: columns(&stage.apply(&mut survey, &|_, _, _| ())?)?, warnings })
 }
 
-/// What is said of points that are left out because they are far from all others.
+/// Warning about points that are omitted because they are far from all others.
 fn told(far: usize, first: usize, survey: &SurveyPoints) -> String {
     let many = if far == 1 { "1 point is".to_owned() } else { format!("{far} points are") };
     let line = survey.line.get(first).and_then(|line| survey.lines.get(*line as usize));

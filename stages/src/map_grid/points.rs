@@ -75,7 +75,7 @@ fn dates(points: &SurveyPoints) -> Result<Option<Vec<f64>>, Fault> {
     let (Some(year), Some(doy)) = (points.extra.year.as_ref(), points.extra.doy.as_ref()) else { return Ok(None) };
     let tt = points.extra.tt_s.as_ref();
     let one = |i: usize| {
-        // Over midnight `tt` goes on, and the date moves on with it: only the time of the day is left to add.
+        // Past midnight `tt` continues and the date advances with it: only the time of the day is added.
         let tt = tt.map_or(0.0, |tt| tt[i].rem_euclid(86_400.0));
         if ![year[i], doy[i], tt].iter().all(|x| x.is_finite()) {
             return Ok(f64::NAN);

@@ -20,7 +20,7 @@ pub struct BoostedTrees {
 }
 
 impl BoostedTrees {
-    /// Of its parts.
+    /// Builds the model from its parts.
     ///
     /// # Errors
     /// When the forest divides columns that do not exist, or its nodes are not in the order of the layout.

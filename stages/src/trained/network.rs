@@ -66,7 +66,7 @@ pub struct Network {
 }
 
 impl Network {
-    /// Of its parts; the parameters of each member are in the order of [`Shape::names`].
+    /// Builds the model from its parts. The parameters of each member are in the order of [`Shape::names`].
     ///
     /// # Errors
     /// When the parts do not fit together.

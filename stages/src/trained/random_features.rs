@@ -21,7 +21,7 @@ pub struct Kernel {
 }
 
 impl Kernel {
-    /// Of its parts; `scaling` without components.
+    /// Builds the model from its parts, with `scaling` without components.
     ///
     /// # Errors
     /// When the parts do not fit together.

@@ -32,7 +32,7 @@ pub fn named_list<'a>(key: &'a str, words: &'a [String], values: &'a [f64]) -> i
     all.map(move |(i, (word, value))| term(format!("{key}[{}] {word}", i + 1), *value))
 }
 
-/// What the terms of a member begin with.
+/// Prefix of the terms of a member.
 pub fn member_of(number: usize) -> String {
     if number == 0 { String::new() } else { format!("member{}.", number + 1) }
 }
@@ -43,7 +43,7 @@ pub struct Reading<'a> {
 }
 
 impl<'a> Reading<'a> {
-    /// Of the terms of a table.
+    /// Takes the terms of a table.
     ///
     /// # Errors
     /// When a key is duplicate.

@@ -9,7 +9,7 @@ use crate::{
     rows::{entries, finite_rows, setting, sum_of},
 };
 
-/// What is exchanged, and how often.
+/// Length of the exchanged blocks, and number of exchanges.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Blocks {
     /// The rows of a block: longer than the series remember, or what is exchanged is still like what was there.

@@ -107,7 +107,7 @@ impl<E> Sampled<'_, E> {
         }
     }
 
-    /// What each pair of ways gives to each group.
+    /// Contribution to each group from each pair of orders, forward and reverse.
     fn parts(&self, orders: &[Vec<usize>], between: &[f64], from: f64, to: f64) -> Vec<Vec<f64>> {
         let steps = self.groups.len().saturating_sub(1);
         let pair = |(k, order): (usize, &Vec<usize>)| {

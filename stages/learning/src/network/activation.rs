@@ -1,9 +1,9 @@
-//! What a hidden unit makes of its sum.
+//! Activation functions of hidden units.
 
 use params::choice;
 
 choice! {
-    /// What a hidden unit makes of its sum z. [thesis 000, (4.3)-(4.6)]
+    /// Activation function of a hidden unit, with its weighted sum z. [Gnadt 2022, (4.3)-(4.6)]
     #[derive(Default)]
     pub enum Activation {
         /// z/(1 + e⁻ᶻ): swish, or SiLU.

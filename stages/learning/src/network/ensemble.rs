@@ -1,6 +1,6 @@
 //! Several networks of the same samples: their mean, and how far apart they are.
 
-/// What members of an ensemble predict together. [Lakshminarayanan, Pritzel & Blundell 2017]
+/// Joint prediction of the members of an ensemble. [Lakshminarayanan, Pritzel & Blundell 2017]
 #[derive(Debug, Clone, PartialEq)]
 pub struct Ensemble {
     /// The mean of the members for each row, in the unit of the predictions.

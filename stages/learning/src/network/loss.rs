@@ -1,6 +1,6 @@
-//! What an error costs.
+//! Loss functions.
 
-/// What an error e = ŷ − y costs, averaged over the samples.
+/// Loss of an error e = ŷ − y, averaged over the samples.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Loss {
     /// e².

@@ -1,4 +1,4 @@
-//! What training makes small, and its gradient, over many rows.
+//! Objective of training and its gradient, over many rows.
 
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
@@ -60,20 +60,20 @@ pub(super) struct Objective<'a> {
     idle: Mutex<Vec<Work>>,
 }
 
-/// What a thread works in.
+/// Work buffers of one thread.
 struct Work {
     buffers: Buffers,
     body: Option<Box<dyn Body>>,
     features: Vec<f64>,
     d_features: Vec<f64>,
-    /// What dropout multiplies the features by.
+    /// Factors of the features from dropout.
     factors: Vec<f64>,
     a: Vec<f64>,
     y: Vec<f64>,
     by_prediction: Vec<f64>,
 }
 
-/// What a block adds.
+/// Contribution of one block.
 #[derive(Default)]
 struct Slot {
     loss: f64,
@@ -96,7 +96,7 @@ pub(super) struct Part<'p, 'a> {
     pub parameters: &'p [f64],
     /// The seed of what is left out.
     pub dropout: Option<u64>,
-    /// What the gradient by the parameters is written to.
+    /// Output for the gradient with respect to the parameters.
     pub gradient: &'p mut [f64],
 }
 
@@ -104,9 +104,9 @@ pub(super) struct Part<'p, 'a> {
 /// the next one.
 #[derive(Default)]
 pub(super) struct Pass {
-    /// What each block of a round adds to each mean.
+    /// Contribution of each block of a round to each mean.
     slots: Vec<Vec<Slot>>,
-    /// What inputs are gathered in.
+    /// Free buffers for gathered inputs.
     idle: Mutex<Vec<Vec<f64>>>,
 }
 

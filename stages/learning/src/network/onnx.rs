@@ -13,8 +13,8 @@ use super::shape::{Form, Shape};
 pub struct Scales<'a> {
     /// Columns to inputs.
     pub inputs: &'a Inputs,
-    /// What is added to the linear terms, and then what they are multiplied by, each of one entry a term; empty where they are
-    /// used as they are.
+    /// Offsets added to the linear terms, and then their factors, with one entry per term each. Empty where the terms
+    /// are unscaled.
     pub linear: Option<(&'a [f64], &'a [f64])>,
     /// The mean of the target, in nT.
     pub target_mean: f64,
@@ -28,7 +28,7 @@ pub enum OnnxError {
     /// Sizes do not fit each other.
     #[error("{what}: {given} are given, but the network has {expected}")]
     Length {
-        /// What does not fit.
+        /// Name of the part that does not fit.
         what: &'static str,
         /// The given number.
         given: usize,
@@ -38,7 +38,7 @@ pub enum OnnxError {
     /// A parameter or a scale is NaN or infinite.
     #[error("{what} is not finite")]
     NotFinite {
-        /// What is not finite.
+        /// Name of the value that is not finite.
         what: &'static str,
     },
 }
@@ -247,7 +247,7 @@ impl Graph {
     }
 }
 
-/// The description of rows of so many columns in double precision.
+/// Describes rows of `columns` columns in double precision.
 fn rows(name: &str, columns: usize) -> Message {
     let nested = |number: u64, inner: Message| {
         let mut outer = Message::default();

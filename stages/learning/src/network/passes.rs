@@ -43,7 +43,7 @@ impl<'a> Packed<'a> {
     }
 }
 
-/// What a block is worked out in.
+/// Work buffers of one block.
 pub(super) struct Buffers {
     /// The sums of each layer, which become its activations; rows padded to whole panels.
     layers: Vec<Vec<f64>>,
@@ -60,7 +60,7 @@ pub(super) struct Buffers {
 /// The linear terms of some rows.
 #[derive(Clone, Copy)]
 pub(super) enum Terms<'a> {
-    /// As they are, row-major.
+    /// Unchanged terms, row-major.
     Rows(&'a [f64]),
     /// Times their coefficients and summed, for [`Form::FixedLinear`], whose coefficients stay.
     Products(&'a [f64]),

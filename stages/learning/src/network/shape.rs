@@ -36,7 +36,7 @@ impl Form {
     }
 }
 
-/// A network of dense layers, with linear terms beside it.
+/// A network of dense layers with additional linear terms.
 ///
 /// Its parameters are one vector: layer by layer the weights, row-major (unit, input), then the biases of its units; the
 /// output layer is the last. Then, where the form has them, the coefficients b of the linear terms.
@@ -48,7 +48,7 @@ pub struct Shape {
     pub linear: usize,
     /// The number of units of each hidden layer; without any the network is linear.
     pub hidden: Vec<usize>,
-    /// What a hidden unit makes of its sum; an output is its sum.
+    /// Activation function of hidden units. The output layer is linear.
     pub activation: Activation,
     /// How the network and the linear terms make the target.
     pub form: Form,
@@ -167,7 +167,7 @@ impl Shape {
     }
 }
 
-/// What random numbers are for: each has its own.
+/// Purpose of random numbers. Each purpose has a separate stream.
 #[derive(Clone, Copy)]
 pub(super) enum Stream {
     Weights = 1,

@@ -7,8 +7,9 @@ use super::training::Epoch;
 /// The first bytes of a stored state; the last is the version of the layout.
 const HEAD: [u8; 8] = *b"MAGNET\0\x01";
 
-/// Everything that a training goes on from at the end of an epoch: from it, the same samples and settings give the same bits
-/// as an unbroken run. Random numbers are drawn by seed, epoch and batch, so that none of their state is kept.
+/// State of a training at the end of an epoch, from which it resumes. With the same samples and settings, the resumed
+/// run gives the same bits as an unbroken run. Random numbers are drawn by seed, epoch and batch, so that none of their
+/// state is kept.
 #[derive(Debug, Clone, PartialEq)]
 pub struct State {
     /// The number of epochs that are done.
@@ -21,7 +22,7 @@ pub struct State {
     pub second_moments: Vec<f64>,
     /// `beta_1` and `beta_2` to the power of the number of steps.
     pub powers: [f64; 2],
-    /// What a plateau has made of the learning rate so far, as a factor.
+    /// Factor of the plateau schedule on the learning rate so far.
     pub rate_factor: f64,
     /// The epochs since the last improvement or reduction of the rate.
     pub on_plateau: usize,

@@ -1,4 +1,4 @@
-//! What a training is made of and how it is set.
+//! Parts and settings of a training.
 
 use rayon::prelude::*;
 
@@ -64,7 +64,7 @@ pub struct Optimiser {
     pub beta_1: f64,
     /// The memory of the mean of its square.
     pub beta_2: f64,
-    /// What is added to the root of the mean square.
+    /// Constant added to the root of the mean square.
     pub epsilon: f64,
     /// The steps of L-BFGS over all samples that follow the epochs of Adam, each an epoch; neither dropout nor weight
     /// decay takes part in them.
@@ -85,7 +85,7 @@ pub enum Schedule {
     /// Not at all.
     #[default]
     Constant,
-    /// By a factor after every so many epochs.
+    /// Multiplied by `factor` after every `every` epochs.
     Steps {
         /// The epochs between two changes.
         every: usize,
@@ -130,7 +130,7 @@ pub struct Training {
     pub learning_rate: f64,
     /// How it changes.
     pub schedule: Schedule,
-    /// What an error costs.
+    /// Loss function.
     pub loss: Loss,
     /// By what part, times the learning rate, each step of Adam makes the weights smaller: decoupled weight decay, of weights
     /// alone, not of biases and linear coefficients. [Loshchilov & Hutter 2019]
@@ -142,9 +142,9 @@ pub struct Training {
     pub sparse_group_lasso: Option<SparseGroupLasso>,
     /// The weight of the mean squared distance of the predictions from Tolles-Lawson, a·b with [`State::tolles_lawson`].
     pub physics: f64,
-    /// Training ends after so many epochs in which the validation loss has had no new least value.
+    /// Number of epochs without a new least validation loss after which training ends.
     pub patience: Option<usize>,
-    /// What the order of the samples and the dropout are drawn by.
+    /// Seed of the sample order and of the dropout.
     pub seed: u64,
 }
 
@@ -204,7 +204,7 @@ pub enum TrainingError {
     Length {
         /// `to train on` or `to validate with`.
         what: &'static str,
-        /// What they are.
+        /// Name of the values.
         of: &'static str,
         /// Their number.
         given: usize,
@@ -218,7 +218,7 @@ pub enum TrainingError {
     NotFinite {
         /// `to train on` or `to validate with`.
         what: &'static str,
-        /// What it is.
+        /// Name of the value.
         of: &'static str,
         /// The row, from 0.
         row: usize,
@@ -244,7 +244,7 @@ pub enum TrainingError {
     /// The state to go on from is not one of this network.
     #[error("the parameters to begin with are {given} numbers, but this network has {expected}, all of them finite")]
     Start {
-        /// The number of finite parameters, or of the coefficients and moments beside them that does not fit.
+        /// Number of finite parameters, or of the coefficients or moments that do not fit.
         given: usize,
         /// The number needed.
         expected: usize,

@@ -13,7 +13,7 @@ use super::state::State;
 use super::training::{Samples, TrainingError};
 
 choice! {
-    /// What makes features of a window.
+    /// Layer that computes features of a window.
     #[derive(Default)]
     pub enum Memory {
         /// Gated recurrent units, sample by sample.
@@ -26,8 +26,9 @@ choice! {
     }
 }
 
-/// A network over a window that ends at the sample it predicts: no sample of the future. Where a run is shorter than the
-/// window, its first sample stands for those before it. The features of the window are the inputs of a dense network.
+/// A network over a window that ends at the predicted sample, without samples of the future. Where a run is shorter
+/// than the window, its first sample replaces the missing earlier ones. The features of the window are the inputs of a
+/// dense network.
 ///
 /// Its parameters are one vector: those of the memory, then those of the dense network. Of `gru` and `lstm` they are the weights
 /// of the inputs, row-major (gate and unit, input), those of the units before, row-major (gate and unit, unit), and the biases of
@@ -35,7 +36,7 @@ choice! {
 /// the earlier sample first, then the biases.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Windowed {
-    /// What makes features of the window.
+    /// Layer that computes features of the window.
     pub memory: Memory,
     /// The number of inputs of a sample.
     pub inputs: usize,

@@ -32,18 +32,18 @@ pub enum Dimension {
         /// Whether equal ratios count alike; `low` is above 0 then.
         log: bool,
     },
-    /// One of so many things that have no order, at least one.
+    /// One of this number of unordered choices, at least one.
     Choice(usize),
 }
 
 /// A value of a [`Dimension`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Value {
-    /// Of [`Dimension::Real`].
+    /// Value of a [`Dimension::Real`].
     Real(f64),
-    /// Of [`Dimension::Whole`].
+    /// Value of a [`Dimension::Whole`].
     Whole(i64),
-    /// Of [`Dimension::Choice`]: its position, from 0.
+    /// Position in a [`Dimension::Choice`], from 0.
     Choice(usize),
 }
 
@@ -57,7 +57,7 @@ pub enum Method {
         /// Whether it is scrambled.
         scramble: bool,
     },
-    /// The tree-structured Parzen estimator (Bergstra et al. 2011), after so many trials of a scrambled Sobol sequence.
+    /// The tree-structured Parzen estimator (Bergstra et al. 2011), after `start` trials of a scrambled Sobol sequence.
     Tpe {
         /// The number of trials that it starts from, at least one.
         start: usize,

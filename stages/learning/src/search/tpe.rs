@@ -13,7 +13,7 @@ const GOOD: f64 = 0.1;
 const MOST_GOOD: usize = 25;
 /// Draws from the density of the good ones.
 const CANDIDATES: usize = 24;
-/// As often a draw that was proposed before is drawn again.
+/// Maximum number of redraws of a candidate that was proposed before.
 const AGAIN: usize = 20;
 /// Half the normal distribution's range, in parts of the scale: the wide kernel.
 const WIDE: f64 = 1.0;
@@ -51,7 +51,7 @@ pub fn propose(
     };
     let scored = |values: Vec<Value>| {
         let gain = good.log_density(&values) - bad.log_density(&values);
-        // What was proposed before comes after all that was not.
+        // Repeated candidates rank after all new ones.
         (!known(&values), gain, values)
     };
     let mut best = scored(fresh(bits));

@@ -12,7 +12,7 @@ use super::{
 /// The least gain, as a part of what it is the difference of: below it is rounding.
 const ROUNDING: f64 = 1e-12;
 
-/// Of each bin the sum of the residuals and the number of rows.
+/// Sum of the residuals and number of rows of each bin.
 type Histogram = Vec<[f64; 2]>;
 
 /// The bins of four columns.
@@ -24,7 +24,7 @@ pub(super) struct Grower<'a> {
     how: &'a Boosting,
     /// The rows that the tree sees: those of a leaf stand together, in ascending order.
     rows: Vec<u32>,
-    /// What a leaf is divided with.
+    /// Work space for dividing a leaf.
     scratch: Vec<u32>,
     /// The residuals of the rows of a leaf.
     ordered: Vec<f64>,

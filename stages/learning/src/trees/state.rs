@@ -4,7 +4,7 @@ use super::{Node, Tree};
 
 /// The first bytes of stored trees; the last is the version of the layout.
 const HEAD: [u8; 8] = *b"MAGTREE\x01";
-/// What a node begins with.
+/// First number of a stored leaf.
 const LEAF: u64 = 0;
 const SPLIT: u64 = 1;
 

@@ -92,7 +92,7 @@ impl Axes {
     }
 }
 
-/// What a map holds at its nodes.
+/// Values of a map at its nodes.
 #[derive(Clone, Debug)]
 enum Nodes {
     Anomaly(Surface<1>),

@@ -39,7 +39,7 @@ const NEXT: std::ops::Range<usize> = 9..25;
 /// fewer than one run in a million does; a random walk has 80 times.
 const WANDERS: f64 = 10.0;
 
-/// What a residual may do between the first and the last sample of a run.
+/// Assumption about a residual at the first and the last sample of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ends {
     /// It is as far from 0 at one end as at the other: rows behind a high-pass.
@@ -71,7 +71,7 @@ impl Band {
     }
 }
 
-/// What tells whether a residual wanders, and how far. All but the last are upper triangles, of sums over runs.
+/// Statistics of a residual that wanders. All but the last are upper triangles, of sums over runs.
 #[derive(Clone, Debug, PartialEq)]
 struct Walk {
     /// The mean powers of the slowest waves.
@@ -109,7 +109,7 @@ pub struct CrossSpectra {
     sums: Vec<f64>,
     /// By their number; the lowest holds the means of the runs.
     bands: BTreeMap<i32, Band>,
-    /// Of [`Ends::Wandering`].
+    /// Statistics of [`Ends::Wandering`].
     walk: Option<Walk>,
 }
 

@@ -24,7 +24,7 @@ use descent::Descent;
 pub struct ElasticNet {
     /// ρ, the fraction of the penalty that is ‖b‖₁: 0 ridge, 1 lasso. MagNav.jl uses 0.99.
     pub l1_ratio: f64,
-    /// What the columns are divided by before they are penalised.
+    /// Divisor of the columns before they are penalised.
     pub scaling: Scaling,
     /// Whether means are subtracted, for an intercept without a penalty.
     pub intercept: bool,

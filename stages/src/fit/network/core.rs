@@ -26,9 +26,9 @@ impl Scaled<'_> {
 
 /// The network that is trained.
 pub enum Core {
-    /// Of each sample alone.
+    /// Network of single samples.
     Dense(Shape),
-    /// Of a window of samples.
+    /// Network of a window of samples.
     Windowed(Windowed),
 }
 
@@ -49,7 +49,7 @@ impl Core {
         }
     }
 
-    /// What it predicts of some rows, in the scale of the target.
+    /// Predictions for some rows, in the scale of the target.
     pub fn predict(&self, parameters: &[f64], rows: &Scaled<'_>) -> Vec<f64> {
         match self {
             Core::Dense(shape) => shape.predict(parameters, rows.x, &rows.a),
@@ -76,7 +76,7 @@ impl Core {
     /// Its training.
     ///
     /// # Errors
-    /// As [`Job::new`] and [`Job::windowed`].
+    /// The same as for [`Job::new`] and [`Job::windowed`].
     pub fn job<'a>(
         &'a self,
         start: State,

@@ -22,11 +22,11 @@ pub struct NetworkInputs {
     pub rows: (Vec<f64>, Vec<f64>),
 }
 
-/// What several networks may share.
+/// Inputs that several networks may share.
 pub type SharedInputs = Result<Arc<NetworkInputs>, Fault>;
 
 impl NetworkInputs {
-    /// Of a network, with the scales of the one that it begins as.
+    /// Inputs of a network, with the scales of its warm start where it has one.
     ///
     /// # Errors
     /// When the keys name none, every input is constant, there are no components as `whiten` asks for, or the network to begin

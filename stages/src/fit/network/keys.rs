@@ -4,7 +4,7 @@ use learning::network::{self, Activation, Optimiser, SparseGroupLasso, Training}
 use schemas::{Fault, Rule, choice, params};
 
 choice! {
-    /// What is minimised, of the residual over the target's scale.
+    /// Loss function of the residual divided by the target's scale.
     pub enum TrainingLoss {
         /// The mean of squares.
         Squared = "squared",
@@ -16,7 +16,7 @@ choice! {
 }
 
 choice! {
-    /// How the learning rate goes on.
+    /// Learning-rate schedule.
     pub enum LearningSchedule {
         /// It stays.
         Constant = "constant",
@@ -32,11 +32,11 @@ params! {
     pub struct Network;
     /// Units of each hidden layer, from none to three layers.
     hidden: Option<Vec<usize>>, unit "1", absent "`[8]`; `[11]` for `tlnn` and `etlnn`, as in thesis 004; with `warm_start` those of its network", rule Rule::Between(1.0, 1000.0);
-    /// What a hidden unit makes of its sum.
+    /// Activation function of hidden units.
     activation: Activation, unit "", default Activation::Swish;
     /// The inputs of the network: entries of the features, by their names or what several names have before a `_`.
     inputs: Option<Vec<String>>, unit "", absent "all features";
-    /// How often Adam goes through the samples.
+    /// Number of passes of Adam through the samples.
     epochs: usize, unit "1", default 200usize, rule Rule::Between(0.0, 100_000.0);
     /// Iterations of L-BFGS with all samples after that.
     lbfgs_epochs: usize, unit "1", default 0usize, rule Rule::Between(0.0, 10_000.0);
@@ -44,9 +44,9 @@ params! {
     batch: usize, unit "samples", default 2048usize, rule Rule::Between(1.0, 1e7);
     /// The size of a step of Adam.
     learning_rate: f64, unit "1", default 0.001, rule Rule::Positive;
-    /// How the learning rate goes on.
+    /// Learning-rate schedule.
     schedule: LearningSchedule, unit "", default LearningSchedule::Constant;
-    /// What is minimised.
+    /// Loss function that training minimises.
     training_loss: TrainingLoss, unit "", default TrainingLoss::Squared;
     /// Where Huber's loss turns to straight lines, in scales of the target.
     huber_threshold: f64, unit "1", default 1.0, rule Rule::Positive;
@@ -70,7 +70,7 @@ params! {
 }
 
 impl Network {
-    /// What is wrong with the keys among themselves.
+    /// Contradictions among the keys.
     pub fn faults(&self) -> Vec<Fault> {
         let mut faults = vec![];
         let mut wrong = |is: bool, what: &str, key: &'static str| {
@@ -92,7 +92,7 @@ impl Network {
         faults
     }
 
-    /// Why a key has no say beside the others.
+    /// Reason why a key has no effect.
     pub fn idle(&self, key: &str) -> Option<Fault> {
         let needs = |other: &str| Some(Fault::new(format!("`{key}` has no effect without `{other}`")));
         match key {
@@ -108,7 +108,7 @@ impl Network {
         ((self.epochs + self.lbfgs_epochs) * self.members * (units + 1)) as f64
     }
 
-    /// As the training takes them, with the seed of a member.
+    /// Settings of the training, with the seed of a member.
     pub fn training(&self, seed: u64) -> Training {
         let lasso = SparseGroupLasso { strength: self.group_lasso, alpha: self.group_share };
         Training {

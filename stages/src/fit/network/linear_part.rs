@@ -1,4 +1,4 @@
-//! The linear model beside a network.
+//! Linear part of the models that add a network to it.
 
 use numerics::{
     compensation::model_terms::core_term_names,
@@ -10,7 +10,7 @@ use schemas::{Fault, Rule, params};
 use crate::{bandpass::design, columns::data, fit::samples::Samples};
 
 params! {
-    /// The linear model beside a network: the ridge of band-passed terms, as `tolles_lawson` fits it.
+    /// Linear part of a network model: the ridge of band-passed terms, as `tolles_lawson` fits it.
     pub struct LinearPart;
     /// The terms of the linear model: entries of the features, by their names or what several names have before a `_`.
     linear: Option<Vec<String>>, unit "", absent "those of Tolles and Lawson among the features, those of the core-field model where there are none; all features for `etlnn`. Other terms, such as slopes or those of the extended model, are inputs of the network alone";

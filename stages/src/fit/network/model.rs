@@ -1,11 +1,11 @@
-//! What a model declares that is a network.
+//! Declaration of a network model.
 
 use learning::network::Form;
 use schemas::Fault;
 
 use super::{LinearPart, Network, Window};
 
-/// A model that is a network: its keys, and what stands beside the network.
+/// Network model: its keys, its window and its linear part.
 #[derive(Clone, Copy)]
 pub struct NetworkModel<'a> {
     /// The keys of the network and of its training.
@@ -20,17 +20,17 @@ pub struct NetworkModel<'a> {
     pub all_features: bool,
     /// The weight of the distance from the linear model in the loss.
     pub physics: f64,
-    /// What sees a window of samples before the network; none sees each sample alone.
+    /// Layer over a window of samples before the network; `None` for single samples.
     pub window: Option<Window>,
 }
 
 impl<'a> NetworkModel<'a> {
-    /// Of eight hidden units and each sample alone, with nothing beside it.
+    /// Network model of eight hidden units on single samples, without a linear part.
     pub fn of(keys: &'a Network, form: Form) -> Self {
         Self { keys, form, hidden: &[8], linear: None, all_features: false, physics: 0.0, window: None }
     }
 
-    /// What is wrong with its keys among themselves.
+    /// Contradictions among its keys.
     pub fn faults(&self) -> Vec<Fault> {
         let mut faults = self.keys.faults();
         faults.extend(self.window.iter().flat_map(Window::faults));

@@ -1,4 +1,4 @@
-//! What the trainings of a network begin with, and the model that they end with.
+//! Inputs of the trainings of a network, and the resulting model.
 
 use std::sync::Arc;
 
@@ -23,14 +23,14 @@ use crate::{
     trained::{self, Learned, Term, list},
 };
 
-/// A validation loss of so many times the training loss is said to overfit.
+/// Ratio of validation loss to training loss above which a warning reports overfitting.
 const OVERFITS: f64 = 4.0;
 
 /// The network of one point of a sweep, to be trained.
 pub struct Task<'a> {
     /// The model.
     pub model: NetworkModel<'a>,
-    /// What most models have in common.
+    /// Common settings of most models.
     pub settings: &'a Settings,
     /// The model that the training begins with, in place of a random one.
     pub start: Option<&'a Learned>,
@@ -49,7 +49,7 @@ pub struct Ready<'a> {
 
 impl<'a> Ready<'a> {
     /// # Errors
-    /// As [`WarmStart::of`] and [`NetworkInputs::of`].
+    /// The same as for [`WarmStart::of`] and [`NetworkInputs::of`].
     pub fn of(task: &'a Task<'a>, samples: &Samples) -> Result<Self, Fault> {
         let warm = task.start.map(|model| WarmStart::of(model, task.model.form)).transpose()?;
         let inputs = match task.inputs.filter(|_| warm.is_none()) {
@@ -59,7 +59,7 @@ impl<'a> Ready<'a> {
         Ok(Self { task, warm, inputs })
     }
 
-    /// The network, with so many linear terms.
+    /// Network with `linear` linear terms.
     fn core(&self, linear: usize) -> Core {
         let (model, scaling) = (&self.task.model, &self.inputs.scaling);
         let usual = || self.warm.as_ref().map_or_else(|| model.hidden.to_vec(), WarmStart::hidden);
@@ -79,9 +79,9 @@ impl<'a> Ready<'a> {
     }
 }
 
-/// What the trainings of the members begin with.
+/// Inputs of the trainings of the members.
 pub struct Prepared<'a> {
-    /// What is trained.
+    /// Task to train.
     pub task: &'a Task<'a>,
     /// The network.
     pub core: Core,
@@ -98,7 +98,7 @@ pub struct Prepared<'a> {
     linear_at: Vec<usize>,
     /// Mean and scale of the target, nT.
     target: (f64, f64),
-    /// What is said of a start that is far away.
+    /// Warning about a start that is far away.
     far: String,
 }
 

@@ -47,7 +47,7 @@ impl<'a> InTraining<'a> {
         Self { prepared, kept, done: vec![], trained: vec![] }
     }
 
-    /// The state that a member begins with, or goes on from.
+    /// State from which a member starts or resumes.
     fn start(&self, member: usize) -> Option<State> {
         let first = self.prepared.members.get(member)?;
         Some(self.kept.get(member).cloned().unwrap_or_else(|| {
@@ -78,7 +78,7 @@ impl<'a> InTraining<'a> {
     }
 }
 
-/// Trains one member of each network that has so many.
+/// Trains member `number` of each network with enough members.
 fn train_members(number: usize, networks: &mut [Result<InTraining<'_>, Fault>]) {
     let mut members: Vec<(usize, Member<'_>)> = vec![];
     for (at, network) in networks.iter().enumerate() {

@@ -25,7 +25,7 @@ pub struct WarmStart<'a> {
 }
 
 impl<'a> WarmStart<'a> {
-    /// Of a model, for a network of a form.
+    /// Takes a model as the start of a network of a form.
     ///
     /// # Errors
     /// When it is no network, or of another form.
@@ -41,7 +41,7 @@ impl<'a> WarmStart<'a> {
         Err(start.fault(&format!("has `model` {}, and this fit {}", start.head().form.word(), form.word())))
     }
 
-    /// What is wrong with it for this fit.
+    /// Fault of the start for this fit.
     pub fn fault(&self, what: &str) -> Fault {
         Fault::data(format!("the network of `warm_start` {what}")).of_param("warm_start")
     }
@@ -170,7 +170,7 @@ impl<'a> WarmStart<'a> {
         self.parts.members.iter().map(begin).collect()
     }
 
-    /// What to know of inputs that are far from where it was trained; empty where none is.
+    /// Warning about inputs that are far from the start's training data; empty if there are none.
     pub fn far(&self, samples: &Samples, at: &[usize], lines: &[usize]) -> String {
         let Inputs { mean, scale, .. } = self.parts.scaling;
         let x = samples.columns(at, lines);

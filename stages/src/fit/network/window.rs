@@ -12,7 +12,7 @@ params! {
     units: usize, unit "1", default 8usize, rule Rule::Between(1.0, 1000.0);
 }
 
-/// What makes features of a window.
+/// Layer that computes features of a window.
 #[derive(Clone, Copy)]
 pub struct Window {
     /// How.
@@ -36,7 +36,7 @@ impl Window {
         (self.window * self.units) as f64
     }
 
-    /// What is wrong with its keys.
+    /// Errors in its keys.
     pub fn faults(&self) -> Vec<Fault> {
         let what = format!("convolutions see a power of two of samples, and not {}", self.window);
         let wrong = self.memory == Memory::Tcn && !self.window.is_power_of_two();

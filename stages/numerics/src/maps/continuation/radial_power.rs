@@ -31,7 +31,8 @@ pub(super) struct Bin {
 }
 
 impl RadialPower {
-    /// Of a map; unknown nodes (NaN) take the mean of the known ones, and the total is scaled to the known ones.
+    /// Computes the power of a map. Unknown nodes (NaN) take the mean of the known ones, and the total is scaled to the
+    /// known ones.
     ///
     /// # Errors
     /// Fails as [`Spectrum::new`].

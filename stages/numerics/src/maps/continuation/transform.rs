@@ -29,9 +29,9 @@ const BAND: usize = 16;
 /// A factor for each wavenumber in rad/m.
 #[derive(Clone, Copy)]
 pub(super) enum Factor<'a> {
-    /// Of the magnitude of the wavenumber alone.
+    /// Function of the magnitude of the wavenumber alone.
     Radial(&'a (dyn Fn(f64) -> f64 + Sync)),
-    /// Of the wavenumbers along easting and northing.
+    /// Function of the wavenumbers along easting and northing.
     General(&'a (dyn Fn(f64, f64) -> Complex64 + Sync)),
 }
 

@@ -40,7 +40,7 @@ pub struct Spread {
 }
 
 impl Spread {
-    /// Of the finite ones among the differences; NaN if there are none.
+    /// Spread of the finite differences; NaN if there are none.
     pub fn of(differences: &[f64]) -> Self {
         let mut sizes: Vec<f64> = differences.iter().map(|d| d.abs()).filter(|d| d.is_finite()).collect();
         sizes.sort_unstable_by(f64::total_cmp);

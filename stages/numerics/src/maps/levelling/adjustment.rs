@@ -45,7 +45,7 @@ pub(super) struct Adjustment<'a> {
 pub(super) struct Solution {
     /// By line, in nT; the common shift of the ties is in their constants.
     pub coefficients: Vec<f64>,
-    /// Of the crossovers.
+    /// Noise of the crossovers.
     pub noise: CrossoverNoise,
     /// Widths of the corrections of lines and of ties, by order, nT.
     pub spread_nt: [Vec<f64>; 2],

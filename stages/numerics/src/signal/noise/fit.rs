@@ -8,7 +8,7 @@ use crate::signal::gauss_markov::GaussMarkov;
 
 /// The correlation times that are tried, before the best is refined.
 const TAUS: usize = 48;
-/// How often weights are renewed from the fit.
+/// Number of times that the weights are computed anew from the fit.
 const ROUNDS: usize = 4;
 /// The samples that a record needs at least.
 const LEAST_SAMPLES: usize = 64;
@@ -18,7 +18,7 @@ const LEAST_TAUS: [f64; 2] = [20.0, 8.0];
 const LEAST_GAIN: f64 = 12.0;
 
 choice! {
-    /// What of a record is fitted.
+    /// Statistic of a record that is fitted.
     pub enum FitBy {
         /// Its autocorrelation, as half the mean square of the change over a lag: that is the variance less the
         /// autocovariance, and independent of the mean, which a short record does not tell.
@@ -57,7 +57,7 @@ pub enum FitError {
 
 /// A statistic of the record: what it is of a unit of each part depends on the correlation time.
 struct Point {
-    /// Of white noise of variance 1.
+    /// Value for white noise of variance 1.
     white: f64,
     /// The time over which it is taken, s.
     span_s: f64,
@@ -69,7 +69,7 @@ struct Point {
 }
 
 impl Point {
-    /// Of a Gauss-Markov process of variance 1.
+    /// Value for a Gauss-Markov process of variance 1.
     fn lasting(&self, tau_s: f64) -> f64 {
         match self.sampled {
             true => -(-self.span_s / tau_s).exp_m1(),
@@ -307,7 +307,7 @@ mod tests {
             let n = refused.count();
             println!("{}: {n} of 40 records of three correlation times are refused", by.word());
             assert!(n >= 36, "{}: {n} of 40", by.word());
-            // What three correlation times do not tell, ten lines of twenty tell together: tau to 14 % a sigma.
+            // Three correlation times do not determine tau. Ten lines of twenty each do together, to 14 % at one sigma.
             let lines: Vec<Vec<f64>> = (0..10).map(|seed| record(slow, 0.5, 6000.0, seed)).collect();
             let found = fit(&lines.iter().map(Vec::as_slice).collect::<Vec<_>>(), RATE_HZ, by).unwrap();
             assert!((found.lasting.sigma / 5.0 - 1.0).abs() < 0.2, "{found:?}");
