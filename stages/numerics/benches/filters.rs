@@ -1,7 +1,7 @@
 //! Every navigation filter on one line of 63 minutes at 10 Hz, and SLAM on lines of up to ten hours at 1 Hz.
 //!
-//! `cargo bench -p magline-numerics --bench filters --profile dev` prints the processor time of a step on one thread,
-//! the median of three, and the position error. It checks that no filter lost its way.
+//! `cargo bench -p magline-numerics --bench filters --profile dev` prints the processor time of a step and the position
+//! error. The time is the median of three, on one thread. The bench checks that no filter lost its way.
 
 #[path = "../tests/osborne/mod.rs"]
 mod osborne;

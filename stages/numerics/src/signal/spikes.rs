@@ -1,12 +1,11 @@
 //! Spikes: samples that do not belong to the signal around them.
 //!
 //! Both searches work on one run of finite samples and return a flag per sample; the caller decides on the spikes.
-//! Their noise is a robust figure, 1.4826 times the median absolute deviation. It is at least one step of the
-//! quantisation (the smallest difference between neighbours that is more than rounding), so that the last digit of a
-//! quiet sensor is not a spike. A run may deviate by no more than rounding in more than half of its samples, since it
-//! is held, interpolated or coarser than its noise. Its median is then that of the other samples: steps and corners of
-//! such a column are not spikes, and larger values are. A run that is constant except for its spikes gives no noise:
-//! none are found.
+//! Their noise is a robust figure, 1.4826 times the median absolute deviation, and at least one step of the
+//! quantisation. That step is the smallest difference between neighbours that is more than rounding. The last digit of
+//! a quiet sensor is thus not a spike. A held, interpolated or coarse column may deviate by no more than rounding in
+//! more than half of a run. Its median is then that of the other samples: steps and corners of such a column are not
+//! spikes, and larger values are. A run that is constant except for its spikes gives no noise: none are found.
 
 use crate::regression::statistics::median;
 
