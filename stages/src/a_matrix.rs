@@ -113,7 +113,8 @@ impl LineStage for AMatrix {
 /// Runs of samples in which each sample has a row of terms. All components of the vector magnetometer are finite in a
 /// run. If a term is a difference, a run has no gap in time.
 ///
-/// # Errors If a term is a difference and the samples are not evenly spaced.
+/// # Errors
+/// If a term is a difference and the samples are not evenly spaced.
 pub fn runs_of(terms: &Terms, tt_s: &[f64], [x, y, z]: [&[f64]; 3]) -> Result<Vec<Range<usize>>, Fault> {
     let usable = Usable::all(tt_s.len()).and_finite(x).and_finite(y).and_finite(z);
     if !terms.names().iter().any(|name| name.ends_with("_dot")) {

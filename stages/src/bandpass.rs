@@ -43,7 +43,8 @@ columns = ["mag_4_uc"]
 
 /// Filter for two corner frequencies, Hz. 0 removes a corner. `None` if both are 0.
 ///
-/// # Errors The same as [`ZeroPhase::new`].
+/// # Errors
+/// The same as [`ZeroPhase::new`].
 pub fn design(low_hz: f64, high_hz: f64, order: usize, rate_hz: f64) -> Result<Option<ZeroPhase>, Fault> {
     let band = match (low_hz > 0.0, high_hz > 0.0) {
         (true, true) => Band::Band { low_hz, high_hz },
@@ -128,7 +129,7 @@ mod tests {
 
     #[test]
     fn law_a_sine_in_the_band_stays_as_it_is_and_one_far_outside_goes() {
-        // Of the squared gain of Butterworth, 1/2 is left at a corner after two passes.
+        // Butterworth's squared gain is 1/2 at a corner after two passes.
         for (hz, gain) in [(0.3, 1.0), (0.1, 0.5), (0.9, 0.5), (0.01, 0.0), (3.0, 0.0)] {
             let sine = |t: f64| 10.0 * (TAU * hz * t).sin();
             let x = samples(ROWS, |t| 50_000.0 + sine(t));

@@ -8,7 +8,8 @@ use std::sync::Arc;
 
 /// Values of a column of numbers, borrowed.
 ///
-/// # Errors If the column is missing or does not hold numbers.
+/// # Errors
+/// If the column is missing or does not hold numbers.
 pub fn floats<'a>(batch: &'a RecordBatch, name: &str) -> Result<&'a [f64], Fault> {
     let array = batch.column_by_name(name).ok_or_else(|| absent(name))?;
     let array = array.as_primitive_opt::<Float64Type>().ok_or_else(|| not_numbers(name))?;
@@ -17,7 +18,8 @@ pub fn floats<'a>(batch: &'a RecordBatch, name: &str) -> Result<&'a [f64], Fault
 
 /// List column, borrowed as a row-major matrix, with the names of its entries.
 ///
-/// # Errors If the column is missing or is not a list of numbers.
+/// # Errors
+/// If the column is missing or is not a list of numbers.
 pub fn matrix<'a>(batch: &'a RecordBatch, name: &str) -> Result<(&'a [f64], Vec<String>), Fault> {
     let schema = batch.schema();
     let field = schema.field_with_name(name).map_err(|_| absent(name))?;
@@ -40,7 +42,8 @@ fn not_numbers(name: &str) -> Fault {
 
 /// Sample rate of evenly spaced times (s), Hz.
 ///
-/// # Errors The same as [`sample_rate`], for the column `tt`.
+/// # Errors
+/// The same as [`sample_rate`], for the column `tt`.
 pub fn even_rate_hz(tt_s: &[f64]) -> Result<f64, Fault> {
     sample_rate(tt_s, STEP_TOLERANCE)
         .map_err(|e| data(e).in_column("tt").help("add a `resample` stage before this one"))
@@ -49,7 +52,8 @@ pub fn even_rate_hz(tt_s: &[f64]) -> Result<f64, Fault> {
 /// Rate at which the entries of a list column are differences per sample, Hz. It is `rate_hz` of the column's metadata,
 /// or the sample rate of the line.
 ///
-/// # Errors If the metadata have no `rate_hz` and the samples are not evenly spaced.
+/// # Errors
+/// If the metadata have no `rate_hz` and the samples are not evenly spaced.
 pub fn list_rate_hz(batch: &RecordBatch, sampling: &Sampling) -> Result<f64, Fault> {
     match sampling.rate_hz {
         Some(rate_hz) => Ok(rate_hz),
@@ -59,7 +63,8 @@ pub fn list_rate_hz(batch: &RecordBatch, sampling: &Sampling) -> Result<f64, Fau
 
 /// Rate laws of the entries of a list column. If an entry depends on the rate, the rate is included, Hz.
 ///
-/// # Errors If the column is missing, or its rate is needed and unknown.
+/// # Errors
+/// If the column is missing, or its rate is needed and unknown.
 pub fn sampling(batch: &RecordBatch, name: &str) -> Result<Sampling, Fault> {
     let schema = batch.schema();
     let field = schema.field_with_name(name).map_err(|_| absent(name))?;
@@ -73,7 +78,8 @@ pub fn sampling(batch: &RecordBatch, name: &str) -> Result<Sampling, Fault> {
 /// Factor that converts an entry made at `from_hz` for a model fitted at `to_hz`. It is 1 if the entry does not depend
 /// on the rate.
 ///
-/// # Errors If the entry depends on the rate, and the model's rate is unknown or the entry has no equivalent at that
+/// # Errors
+/// If the entry depends on the rate, and the model's rate is unknown or the entry has no equivalent at that
 /// rate.
 pub fn rate_factor(sampling: &Sampling, entry: &str, to_hz: Option<f64>) -> Result<f64, Fault> {
     let (Some(law), Some(from_hz)) = (sampling.law(entry), sampling.rate_hz) else { return Ok(1.0) };
@@ -121,7 +127,8 @@ pub fn vector_axes(name: &str) -> [String; 3] {
 
 /// Rejects a truth column as a feature unless it is allowed.
 ///
-/// # Errors If it is a truth column and truth columns are not allowed.
+/// # Errors
+/// If it is a truth column and truth columns are not allowed.
 pub fn no_truth(column: &Column, param: &str, allowed: bool) -> Result<(), Fault> {
     if column.role != Role::Truth || allowed {
         return Ok(());

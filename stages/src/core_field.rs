@@ -23,8 +23,8 @@ stage! {
     /// depends on a missing angle.
     ///
     /// A flight without a date is rejected unless `decimal_year` is set. A date outside the model's range is rejected.
-    /// So is an impossible position: latitude beyond 90 degrees, longitude outside -180 to 360 degrees, height outside
-    /// -10 to 2,000 km.
+    /// An impossible position is rejected too: latitude beyond 90 degrees, longitude outside -180 to 360 degrees,
+    /// height outside -10 to 2,000 km.
     ///
     /// Source: IGRF-14 (IAGA, doi:10.5281/zenodo.14012302); WMM2020 and WMM2025 (NOAA NCEI and BGS).
     CoreFieldStage = "core_field", version 2, grain Line, inputs [input: Lines],
@@ -231,7 +231,7 @@ mod tests {
 
     #[test]
     fn val_igrf14_values_of_ppigrf_at_the_date_of_the_spec_and_of_the_flight() {
-        // Of numerics/reference/navigation/igrf14_computed_values.csv: magnitude, north, east, down.
+        // Values from numerics/reference/navigation/igrf14_computed_values.csv: magnitude, north, east, down.
         let pacific = [46_740.993, 23_141.299, 1_354.233, 40_587.767];
         let date_line = [34_104.128, 33_467.591, 5_796.665, -3_067.671];
         let of_spec: [(&str, &[f64]); 3] =

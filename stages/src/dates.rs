@@ -13,7 +13,8 @@ pub fn dated_by_flight(shape: &Shape) -> bool {
 
 /// Decimal year of every sample. NaN for a sample without a date.
 ///
-/// # Errors If the year has no such day. The fault names the row.
+/// # Errors
+/// If the year has no such day. The fault names the row.
 pub fn years(batch: &RecordBatch) -> Result<Vec<f64>, Fault> {
     let (year, day, tt) = (whole_numbers(batch, "year")?, whole_numbers(batch, "doy")?, floats(batch, "tt")?);
     let all = year.iter().zip(&day).zip(tt).enumerate();
@@ -26,7 +27,8 @@ pub fn years(batch: &RecordBatch) -> Result<Vec<f64>, Fault> {
 
 /// Decimal year of the line's first sample with both a year and a day.
 ///
-/// # Errors If no sample has both, or the year has no such day. The fault names the row.
+/// # Errors
+/// If no sample has both, or the year has no such day. The fault names the row.
 pub fn first_year(batch: &RecordBatch) -> Result<f64, Fault> {
     let known = |name: &str| match batch.column_by_name(name) {
         Some(_) => whole_numbers(batch, name).map(Some),
@@ -51,7 +53,8 @@ pub const DAY_S: f64 = 86_400.0;
 /// Day number of the midnight from which the line's `tt` counts, from the first sample with a year, a day and a time.
 /// `None` without such a sample.
 ///
-/// # Errors If the year has no such day. The fault names the row.
+/// # Errors
+/// If the year has no such day. The fault names the row.
 pub fn first_midnight(batch: &RecordBatch) -> Result<Option<i64>, Fault> {
     if batch.column_by_name("year").is_none() || batch.column_by_name("doy").is_none() {
         return Ok(None);
@@ -67,7 +70,8 @@ pub fn first_midnight(batch: &RecordBatch) -> Result<Option<i64>, Fault> {
 
 /// Offset of the times of `other` to the midnight of `first`, s. 0 if one of them has no date.
 ///
-/// # Errors The same as [`first_midnight`].
+/// # Errors
+/// The same as [`first_midnight`].
 pub fn offset_s(first: &RecordBatch, other: &RecordBatch) -> Result<f64, Fault> {
     Ok(match (first_midnight(first)?, first_midnight(other)?) {
         (Some(first), Some(other)) => DAY_S * (other - first) as f64,

@@ -25,7 +25,8 @@ pub enum Angles {
 /// Columns of a line, each filtered run by run with the filter that `design` returns for the sample rate. A gap ends a
 /// run. A run shorter than the filter's padding becomes NaN.
 ///
-/// # Errors If samples are not evenly spaced, the filter cannot be designed, or a column has no run that is long
+/// # Errors
+/// If samples are not evenly spaced, the filter cannot be designed, or a column has no run that is long
 /// enough.
 pub fn filtered(
     batch: &RecordBatch,

@@ -31,7 +31,8 @@ pub struct Fitted {
 impl Fitted {
     /// Reads the model of a table and omits the terms `without`.
     ///
-    /// # Errors If the table is incomplete, or a term to omit is missing.
+    /// # Errors
+    /// If the table is incomplete, or a term to omit is missing.
     pub fn read(table: &RecordBatch, without: &[String]) -> Result<Self, Fault> {
         let values = floats(table, "value")?;
         let terms = table.column_by_name("term").and_then(|t| t.as_string_opt::<i32>());
@@ -58,7 +59,8 @@ impl Fitted {
     /// Prediction for a line with `rows` rows. NaN where a required column is NaN. Entries that are differences per
     /// sample are converted to the rate of the model.
     ///
-    /// # Errors If the line lacks a column, or an entry cannot be converted.
+    /// # Errors
+    /// If the line lacks a column, or an entry cannot be converted.
     pub fn predict(&self, line: &RecordBatch, rows: usize) -> Result<Prediction, Fault> {
         predict(&Sources::new(line, self.rate_hz)?, &self.body, rows)
     }
@@ -73,7 +75,8 @@ impl Fitted {
 
     /// Values of [`Fitted::columns`] in each row of a line at the rate of the model, column by column.
     ///
-    /// # Errors The same as [`Fitted::predict`].
+    /// # Errors
+    /// The same as [`Fitted::predict`].
     pub fn inputs(&self, line: &RecordBatch) -> Result<Vec<Vec<f64>>, Fault> {
         let sources = Sources::new(line, self.rate_hz)?;
         self.columns().iter().map(|name| Ok(sources.find(name)?.values().collect())).collect()

@@ -40,7 +40,7 @@ columns = ["mag_4_uc_bp"]
     method: Partner, unit "", default Partner::Exact;
     /// How far the nearest row may be away, or the two that are interpolated apart.
     tolerance_s: f64, unit "s", default 1.0, rule Rule::Positive;
-    /// What is put behind the name of each column.
+    /// Suffix of the name of each column.
     suffix: String, unit "", default "";
 }
 

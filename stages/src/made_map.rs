@@ -15,21 +15,24 @@ pub fn whole_map() -> Vec<String> {
 
 /// Maps of a stage's inputs, each on its native grid.
 ///
-/// # Errors If a table is not a map.
+/// # Errors
+/// If a table is not a map.
 pub fn grids(maps: &[RecordBatch]) -> Result<Vec<AnomalyGrid>, Fault> {
     maps.iter().map(|table| AnomalyGrid::of_table(table).map_err(Fault::from)).collect()
 }
 
 /// Map that a stage returns, with its warnings.
 ///
-/// # Errors If the map has no known value.
+/// # Errors
+/// If the map has no known value.
 pub fn made(map: &AnomalyGrid, warnings: Vec<String>) -> Result<Product, Fault> {
     Ok(Product { columns: map.made()?, warnings })
 }
 
 /// Map with its unknown nodes filled by minimum curvature, for transforms of the whole map.
 ///
-/// # Errors If the map has too few known nodes.
+/// # Errors
+/// If the map has too few known nodes.
 pub fn without_gaps(map: &PlaneGrid) -> Result<PlaneGrid, FillError> {
     if map.unknown() == 0 { Ok(map.clone()) } else { smooth(map, &SmoothFill::default()).map(|(full, _)| full) }
 }
@@ -52,7 +55,7 @@ pub mod testing {
     pub const STEP_M: f64 = 100.0;
     /// The height of the map, in metres.
     pub const LEVEL_M: f64 = 300.0;
-    /// Of the waves eastward and northward, in 1/m.
+    /// Wavenumbers of the waves eastward and northward, in 1/m.
     pub const K: [f64; 2] = [2.0 * std::f64::consts::PI / 1600.0, 2.0 * std::f64::consts::PI / 1200.0];
 
     /// A harmonic field of whole periods over the map, at the height `up_m` above it, in nT.

@@ -93,7 +93,8 @@ struct Job<'a> {
 impl MapContinue {
     /// Rejects incompatible parameters. `draped` states whether the heights of another map are given.
     ///
-    /// # Errors The parameter and the remedy.
+    /// # Errors
+    /// The parameter and the remedy.
     pub fn check(&self, draped: bool) -> Result<(), Fault> {
         match (draped, self.to_m, self.derivative) {
             (false, None, None) => {
@@ -315,7 +316,7 @@ mod tests {
         assert_eq!((slope.map.height.clone(), slope.map.value_unit), (Height::Level(300.0), "nT/m"));
         let k = K[0].hypot(K[1]);
         for ((east, north, value), (_, _, slope)) in middle(&up.map).into_iter().zip(middle(&slope.map)) {
-            // What lies past the edges is guessed, which tells a part in thirty at 100 m.
+            // The field past the edges is estimated, which costs a part in thirty at 100 m.
             assert!((value - field_nt(east, north, 100.0)).abs() < 3.0, "{east} {north} {value}");
             assert!((slope + k * field_nt(east, north, 0.0)).abs() < 0.03, "{east} {north} {slope}");
         }

@@ -46,7 +46,8 @@ trim    = true
 
 /// Four coordinates as west, south, east and north.
 ///
-/// # Errors If there are not four coordinates, or west or south is not below east or north.
+/// # Errors
+/// If there are not four coordinates, or west or south is not below east or north.
 pub fn bounds_of(bounds: &[f64]) -> Result<[f64; 4], Fault> {
     match *bounds {
         [west, south, east, north] if west < east && south < north => Ok([west, south, east, north]),
@@ -59,7 +60,8 @@ pub fn bounds_of(bounds: &[f64]) -> Result<[f64; 4], Fault> {
 impl MapConvert {
     /// Rejects invalid parameters, independent of the map.
     ///
-    /// # Errors The parameter and the reason.
+    /// # Errors
+    /// The parameter and the reason.
     pub fn check(&self) -> Result<(), Fault> {
         self.bounds.as_deref().map(bounds_of).transpose().map(|_| ())
     }

@@ -92,7 +92,8 @@ pub struct Filled {
 impl MapFill {
     /// Rejects incompatible parameters. `others` states whether there are other maps.
     ///
-    /// # Errors The parameter and the remedy.
+    /// # Errors
+    /// The parameter and the remedy.
     pub fn check(&self, others: bool) -> Result<(), Fault> {
         if others || !(self.extend || self.method == Method::None) {
             return Ok(());

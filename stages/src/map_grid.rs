@@ -134,7 +134,8 @@ pub type Progress<'a> = gridding::Progress<'a>;
 impl MapGrid {
     /// Rejects invalid parameters, independent of the points.
     ///
-    /// # Errors The parameter and the reason.
+    /// # Errors
+    /// The parameter and the reason.
     pub fn check(&self) -> Result<(), Fault> {
         gridding::check(&self.options()?).map_err(|e| refused(&e))?;
         let Some(code) = self.epsg()? else { return Ok(()) };
@@ -148,7 +149,8 @@ impl MapGrid {
 
     /// EPSG code of the map's coordinate system, if given.
     ///
-    /// # Errors If there is no such code.
+    /// # Errors
+    /// If there is no such code.
     pub fn epsg(&self) -> Result<Option<u16>, Fault> {
         epsg_of(self.to_epsg)
     }
@@ -339,7 +341,8 @@ pub const NO_HEIGHTS: &str =
 
 /// EPSG code of the parameter `to_epsg`.
 ///
-/// # Errors If there is no such code.
+/// # Errors
+/// If there is no such code.
 pub(crate) fn epsg_of(to_epsg: Option<usize>) -> Result<Option<u16>, Fault> {
     let wrong = |code: usize| Fault::new(format!("there is no EPSG code {code}")).of_param("to_epsg");
     to_epsg.map(|code| u16::try_from(code).map_err(|_| wrong(code))).transpose()

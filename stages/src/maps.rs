@@ -18,7 +18,8 @@ use crate::columns::{data, floats};
 /// Between these heights, the value and all three slopes are interpolated. A table with a native grid ([`OwnGrid`]) is
 /// interpolated on that grid.
 ///
-/// # Errors If the table is not a grid, the coordinate system cannot be used, or the levels do not ascend. If levels
+/// # Errors
+/// If the table is not a grid, the coordinate system cannot be used, or the levels do not ascend. If levels
 /// are given for a map that is draped or whose height is unknown.
 pub fn field_map(
     table: &RecordBatch,
@@ -30,7 +31,8 @@ pub fn field_map(
 
 /// The same as [`field_map`] for another column of a map, such as the error of each node.
 ///
-/// # Errors The same as [`field_map`]. If the table has no such column.
+/// # Errors
+/// The same as [`field_map`]. If the table has no such column.
 pub fn column_map(
     table: &RecordBatch,
     column: &str,
@@ -57,7 +59,8 @@ pub fn column_map(
 
 /// Map of a table on a plane, in metres from its south-west corner.
 ///
-/// # Errors If the table is not a grid.
+/// # Errors
+/// If the table is not a grid.
 pub fn plane(table: &RecordBatch) -> Result<PlaneGrid, Fault> {
     let anomaly = floats(table, "anomaly")?;
     let Some(own) = OwnGrid::of(&table.schema())? else {

@@ -228,7 +228,7 @@ mod tests {
         (0..rows).map(|_| SIGMA_NT * normals.draw()).collect()
     }
 
-    /// A field of 50,000 nT and what varies slowly beside it.
+    /// A field of 50,000 nT with a slow variation.
     fn slow(rows: usize, amplitude_nt: f64) -> Vec<f64> {
         (0..rows).map(|k| 50_000.0 + amplitude_nt * (0.01 * k as f64).sin()).collect()
     }

@@ -31,11 +31,12 @@ stage! {
     /// `tt`. A missing value of one column counts as a gap of that column; a column that a line lacks, but others have, is
     /// missing throughout. Repeated or backward time is an error.
     ///
-    /// Sensors that sample at rates of their own are tables of their own, `input = ["mag", "imu", "gps"]`: a line is that of
-    /// the same flight and line in each of them. The columns of all are brought onto one grid, over the time that all of
-    /// them cover, or over that of the first (`span`). Where two tables have a date, their times count from the same
-    /// midnight whatever midnight each of them counts from. A column of the same name in two tables is an error, but for
-    /// `year` and `doy`, which are those of the first table that has them; so is a line without a time in common.
+    /// Sensors with different sampling rates are separate tables, `input = ["mag", "imu", "gps"]`. A line combines the
+    /// same flight and line of each of them. The columns of all are brought onto one grid, over the time that all of
+    /// them cover, or over that of the first (`span`). Where two tables have a date, their times count from one common
+    /// midnight, even if the tables count from different ones. A column of the same name in two tables is an error,
+    /// except `year` and `doy`, which come from the first table with them. A line without a common time is an error
+    /// too.
     ///
     /// `lag_s` and `input_lag_s` take out how late a sensor reports: with a lag of 0.06 s, what is stamped t was so at
     /// t - 0.06 s, and a value at t is what is stamped t + 0.06 s. `lag` finds lags of this sign.
@@ -59,7 +60,7 @@ rate_hz = 10.0
     method: Method, unit "", default Method::Linear;
     /// The longest gap that is bridged: one for all inputs, or one for each.
     max_gap_s: Vec<f64>, unit "s", default vec![1.0], rule Rule::Positive;
-    /// Of several inputs: the time that the grid covers.
+    /// Time that the grid covers, with several inputs.
     span: Span, unit "", default Span::All;
     /// How late columns report, by their name; of a vector magnetometer by that, such as `flux_a` for its `x`, `y`, `z` and
     /// `t`. It takes the place of the lag of the column's input.
@@ -71,9 +72,9 @@ rate_hz = 10.0
 choice! {
     /// The time that a grid of several tables covers.
     pub enum Span {
-        /// What all of them cover.
+        /// Time that all of them cover.
         All = "all",
-        /// What the first covers; the others have NaN where they have no samples.
+        /// Time that the first covers; the others have NaN where they have no samples.
         First = "first",
     }
 }
@@ -107,7 +108,7 @@ impl Resample {
         self.max_gap_s.get(i).or(self.max_gap_s.first()).copied().unwrap_or(1.0)
     }
 
-    /// What the parameters say that the inputs do not bear out.
+    /// Contradictions between the parameters and the inputs.
     fn contradictions(&self, shapes: &[&Shape]) -> Vec<Fault> {
         let mut faults = vec![];
         let n = shapes.len();

@@ -316,7 +316,7 @@ mod tests {
                 2 => (50.0, 80.0),
                 _ => (80.0, 110.0),
             };
-            // As sharp as the window.
+            // The limits are as sharp as the window.
             assert!((first - begun - from).abs() < 5.0 && (last - begun - to).abs() < 5.0, "{kind}: {first} to {last}");
         }
         let plain = Segments { attitude: vec![], ..segments() };

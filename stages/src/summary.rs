@@ -45,7 +45,7 @@ name  = "summary"
 stage = "summary"
 input = "score"
 "#;
-    /// What to pool.
+    /// Metrics to pool.
     metrics: Several<Scorer>, unit "", absent "everything that was scored";
     /// The lines that a model was fitted on, for `overfitting_ratio`.
     train: Vec<String>, unit "", default Vec::<String>::new();
@@ -67,7 +67,7 @@ const READS: [&str; 4] = ["metric", "value", "n", score::SPREAD];
 const SEEN: &str = "whether lines in sample are behind it: a model, noise or map saw them, or a search chose by them";
 /// Errors whose ratio between new and training lines is the overfitting ratio, the first that there is.
 const OVERFITTING: [&Metric; 2] = [&score::STD_ERROR.metric, &score::MAP_STD_ERROR.metric];
-/// What is scored over all lines only.
+/// Metrics that are scored over all lines only.
 const METRICS: [Metric; 1] = [OVERFITTING_RATIO];
 const OVERFITTING_RATIO: Metric = Metric {
     name: "overfitting_ratio",
@@ -137,7 +137,7 @@ impl Score {
     }
 }
 
-/// What one line contributes.
+/// Contribution of one line.
 pub struct Part {
     line: String,
     scores: Vec<Score>,

@@ -135,7 +135,8 @@ impl Learned {
 
     /// Checks that samples at a rate can be the input.
     ///
-    /// # Errors If the model sees a window of samples at another rate.
+    /// # Errors
+    /// If the model sees a window of samples at another rate.
     pub fn check_rate(&self, rate_hz: f64) -> Result<(), Fault> {
         match self {
             Learned::Windowed(network) => network.check_rate(rate_hz),
@@ -164,7 +165,8 @@ impl Learned {
 
     /// Model of a table with these terms. `None` for a linear one.
     ///
-    /// # Errors If terms are missing, duplicate or inconsistent, because the table is incomplete.
+    /// # Errors
+    /// If terms are missing, duplicate or inconsistent, because the table is incomplete.
     pub fn read(names: &[String], values: &[f64]) -> Result<Option<Learned>, Fault> {
         if !names.iter().any(|name| name.strip_prefix(FAMILY).is_some_and(|rest| rest.starts_with(' '))) {
             return Ok(None);

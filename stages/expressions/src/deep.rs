@@ -11,7 +11,7 @@ pub const STACK: usize = 1 << 30;
 const LONGEST: usize = 1 << 20;
 /// A text of SQL up to this length is nested too little to need more than an ordinary stack.
 const SHORT: usize = 2_000;
-/// So are texts with so many brackets; thirty functions inside of each other are too much for a thread of two megabytes.
+/// Number of brackets up to which an ordinary stack suffices. Thirty nested functions exceed a thread's stack of 2 MB.
 const BRACKETS: usize = 8;
 
 /// Runs `work`, which recurses over `sql`.

@@ -33,7 +33,7 @@ pub fn of(expr: &Expr, shape: &Shape) -> Result<Unit, Fault> {
         }
         Ok(unit)
     };
-    // What is asked about has a unit to be checked, the answer has none.
+    // The operands have units to check; the answer has none.
     let truth = |each: &mut dyn Iterator<Item = &Expr>| same(each).map(|_| Unit::Unknown);
     match expr {
         Expr::Literal(..) => Ok(Unit::Any),
@@ -90,7 +90,7 @@ pub fn of(expr: &Expr, shape: &Shape) -> Result<Unit, Fault> {
     }
 }
 
-/// The unit of values that stand beside each other; `second` is what has the second one.
+/// Common unit of values that are added or compared. `second` is the expression with the second unit.
 fn together(first: Unit, other: Unit, second: &Expr) -> Result<Unit, Fault> {
     Ok(match (first, other) {
         (Unit::Any, unit) | (unit, Unit::Any) => unit,

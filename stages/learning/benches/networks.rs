@@ -46,7 +46,7 @@ fn main() -> Result<(), Failure> {
     Ok(())
 }
 
-/// Trains on so many threads; the parameters.
+/// Trains with `threads` threads and returns the parameters.
 fn timed(shape: &Shape, samples: &Samples<'_>, threads: usize) -> Result<Vec<f64>, Failure> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
     let training = Training { epochs: EPOCHS, ..Training::default() };

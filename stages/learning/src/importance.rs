@@ -1,13 +1,13 @@
 //! Importance of the inputs of a model, by methods that use only its predictions or derivatives.
 //!
-//! | Item | What it tells of a group of columns |
+//! | Item | Result for a group of columns |
 //! |:--|:--|
-//! | [`permutation()`] | by how much the error grows when the group's blocks of time are exchanged |
+//! | [`permutation()`] | the growth of the error when the group's blocks of time are exchanged |
 //! | [`shapley_sampled`] | its part of each prediction, by sampled orders of the groups |
-//! | [`shapley_linear`] | the same of a linear model, exact |
-//! | [`shapley_trees()`] | the same of a forest, exact |
+//! | [`shapley_linear`] | the same for a linear model, exact |
+//! | [`shapley_trees()`] | the same for a forest, exact |
 //! | [`expected_gradients()`] | its part of each prediction, along straight ways from background rows |
-//! | [`pearson()`], [`spearman`] | the correlation of a column with the target, whatever the model |
+//! | [`pearson()`], [`spearman`] | the correlation of a column with the target, for any model |
 //! | [`iterative_hard_thresholding`] | whether it is among the few columns of a sparse linear model |
 //!
 //! A part of a prediction is relative to background rows, which stand for not knowing a group: its columns are then
@@ -99,7 +99,7 @@ pub enum ImportanceError<E = Infallible> {
     Group {
         /// The group, from 0.
         group: usize,
-        /// What is wrong.
+        /// Description of the error.
         what: &'static str,
     },
     /// A column is in no group.
@@ -110,7 +110,7 @@ pub enum ImportanceError<E = Infallible> {
     },
 }
 
-/// What the model returns for rows of `width` columns: `each` finite numbers a row.
+/// Predictions of the model for rows of `width` columns: `each` finite numbers per row.
 fn answers<E>(model: &Model<'_, E>, rows: &[f64], width: usize, each: usize) -> Result<Vec<f64>, ImportanceError<E>> {
     let mut out = Vec::with_capacity(rows.len() / width * each);
     for rows in rows.chunks(TOGETHER * width) {

@@ -1,5 +1,5 @@
-//! What a model sees of its columns: each less its mean over its deviation, and where asked for their whitened principal
-//! components. [thesis 000, section 4.9]
+//! Scaling of a model's inputs: minus the mean, over the deviation, with whitened principal components on request.
+//! [Gnadt 2022, section 4.9]
 
 use numerics::regression::least_squares::{LeastSquaresError, Moments, Scaling};
 use numerics::regression::principal_components::{Kept, PrincipalComponents};

@@ -1,7 +1,7 @@
 //! Models of an aircraft's field that are trained on samples, and which of their inputs matter.
 //!
-//! Slices in, vectors out, as in [`numerics`], which this rests on. Sums over samples are made block by block in one fixed
-//! order, so that the same seed gives the same bits on any number of threads.
+//! Slices in, vectors out, as in [`numerics`], which this crate uses. Sums over samples are made block by block in one
+//! fixed order. The same seed therefore gives the same bits on any number of threads.
 
 pub mod importance;
 pub mod inputs;

@@ -1,4 +1,5 @@
-//! Small dense networks beside linear terms: the models m1 to m2d of thesis 000, chapter 4, and the networks of thesis 004.
+//! Small dense networks with linear terms: the models m1 to m2d of Gnadt 2022, chapter 4, and the networks of van der
+//! Meer 2025.
 //!
 //! A [`Shape`] says what is computed from one vector of parameters; [`train`] finds the parameters. Inputs, linear terms and
 //! target are scaled by the caller, inputs by [`Inputs`](crate::inputs::Inputs).

@@ -21,8 +21,8 @@
 //! (2.30), section 5.4.1; the restricted likelihood: Patterson and Thompson 1971]. Errors that are correlated from sample to
 //! sample make both standard deviations too small.
 //!
-//! Between and beside training rows the standard deviation grows to that of the prior. Far beyond them the features
-//! repeat themselves and the mean does not return to the constant.
+//! Between training rows and near their limits, the standard deviation grows to that of the prior. Far beyond them the
+//! features repeat themselves and the mean does not return to the constant.
 
 #[cfg(test)]
 mod tests;
@@ -236,7 +236,7 @@ impl RandomFeatures {
     /// The predictions alone, which take less time.
     ///
     /// # Errors
-    /// As [`RandomFeatures::predict`].
+    /// The same as for [`RandomFeatures::predict`].
     pub fn mean(&self, x: &[f64]) -> Result<Vec<f64>, RowsError> {
         self.check(x)?;
         Ok(self.blocks(x, |features, _| self.means_of(features)).concat())
@@ -245,7 +245,7 @@ impl RandomFeatures {
     /// The derivatives of the predictions by the columns, row by row, in the unit of the target per that of the column.
     ///
     /// # Errors
-    /// As [`RandomFeatures::predict`].
+    /// The same as for [`RandomFeatures::predict`].
     pub fn gradient(&self, x: &[f64]) -> Result<Vec<f64>, RowsError> {
         self.check(x)?;
         let k = self.frequencies.len() / self.width;
@@ -291,7 +291,7 @@ impl RandomFeatures {
         rows.map(|features| self.intercept + dot(features, &self.weights)).collect()
     }
 
-    /// What `of` makes of the features less their means, and of the phases, of some rows at a time.
+    /// Applies `of` to the centred features and the phases, a block of rows at a time.
     fn blocks<T: Send>(&self, x: &[f64], of: impl Fn(&[f64], &[f64]) -> T + Sync) -> Vec<T> {
         let map = Map { width: self.width, frequencies: self.frequencies.clone(), linear: self.linear };
         let block = |x: &[f64]| {

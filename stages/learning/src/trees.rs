@@ -55,13 +55,13 @@ pub struct Boosting {
     pub depth: Option<usize>,
     /// The least number of rows of a leaf.
     pub least_rows: usize,
-    /// What is added to the number of rows of a leaf: shrinks the values of small leaves.
+    /// Constant added to the number of rows of a leaf. It shrinks the values of small leaves.
     pub l2: f64,
     /// The part of the rows, above 0 and at most 1, that each tree sees, drawn anew for each.
     pub subsample: f64,
     /// The seed of these draws.
     pub seed: u64,
-    /// Training ends after so many trees without a smaller loss of the validation rows.
+    /// Number of trees without a smaller validation loss after which training ends.
     pub patience: Option<usize>,
 }
 
@@ -141,7 +141,7 @@ pub enum Node {
     },
     /// The end of the way.
     Leaf {
-        /// What the tree adds, in the unit of the target.
+        /// Value that the tree adds, in the unit of the target.
         value: f64,
     },
 }
@@ -194,13 +194,13 @@ pub enum BoostingError {
         tree: usize,
         /// The node, from 0.
         node: usize,
-        /// What is wrong.
+        /// Description of the error.
         what: &'static str,
     },
 }
 
 impl Tree {
-    /// What the tree adds for a row; NaN where a node names a column or a node that does not exist.
+    /// Value that the tree adds for a row; NaN where a node names a column or a node that does not exist.
     pub fn value(&self, row: &[f64]) -> f64 {
         let mut at = 0;
         loop {
@@ -296,14 +296,14 @@ pub fn boost(
     boost_on(vec![], x, width, y, how, validation, &mut |trees, train, ahead| each(trees.len(), train, ahead))
 }
 
-/// What is told after each tree: all trees so far, the loss of the training and that of the validation.
+/// Callback after each tree with all trees so far, the training loss and the validation loss.
 pub type EachTree<'a> = dyn FnMut(&[Tree], f64, f64) -> ControlFlow<()> + 'a;
 
-/// [`boost`] that goes on from the first trees of a training that was broken off, with the same rows and settings: it ends with
-/// the same bits as one that was not. `each` is handed all trees so far.
+/// Resumes [`boost`] from the first trees of an interrupted training with the same rows and settings. The result has
+/// the same bits as that of an uninterrupted training. `each` receives all trees so far.
 ///
 /// # Errors
-/// As [`boost`], and with [`BoostingError::Malformed`] for a tree that is none of these columns.
+/// The same as for [`boost`], and [`BoostingError::Malformed`] for a tree that does not match these columns.
 pub fn boost_on(
     begun: Vec<Tree>,
     x: &[f64],

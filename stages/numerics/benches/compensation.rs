@@ -18,7 +18,8 @@ type Failure = Box<dyn std::error::Error + Send + Sync>;
 const SAMPLES: usize = 144_668;
 const RATE_HZ: f64 = 10.0;
 const TRIM: usize = 20;
-/// As many as in the numpy script; the fastest counts on both sides, being the least disturbed.
+/// The number of repeats equals that of the numpy script. The fastest run counts on both sides, being the least
+/// disturbed.
 const REPEATS: usize = 9;
 
 /// Coefficients of both ends of the ridge path, made by `compensation_numpy.py --write`.

@@ -20,7 +20,8 @@ const COLUMNS: usize = 7279;
 const PADDED: [usize; 2] = [3840, 8748];
 const STEP_M: f64 = 50.0;
 const UP_M: f64 = 300.0;
-/// As many as in the Python script; the fastest counts on both sides, being the least disturbed.
+/// The number of repeats equals that of the Python script. The fastest run counts on both sides, being the least
+/// disturbed.
 const REPEATS: usize = 7;
 
 /// Nodes that harmonica found, made by `continuation_harmonica.py --write`.

@@ -1,7 +1,7 @@
 //! Every navigation filter on one line of 63 minutes at 10 Hz, and SLAM on lines of up to ten hours at 1 Hz.
 //!
-//! `cargo bench -p magline-numerics --bench filters --profile dev` prints the time on the processor of a step on one
-//! thread, the median of three, and beside it the error of the position; it checks that no filter lost its way.
+//! `cargo bench -p magline-numerics --bench filters --profile dev` prints the processor time of a step and the position
+//! error. The time is the median of three, on one thread. The bench checks that no filter lost its way.
 
 #[path = "../tests/osborne/mod.rs"]
 mod osborne;
@@ -193,7 +193,7 @@ fn unknown_aircraft(flight: &Flight, line: &NavigationLine) -> Result<(), Failur
     tell("fixed_lag, 18 terms, cold", time_s, error_m, 80.0)
 }
 
-/// A loiter of so many seconds without a map: a circle of 1.2 km, drifting slowly.
+/// A loiter of `seconds` seconds without a map: a circle of 1.2 km that drifts slowly.
 fn slam_step(map: &FieldMap, seconds: u32, particles: usize) -> Result<f64, Failure> {
     let mut truth = Line::flown(seconds, 1.0, 0.0)?;
     let (lat, lon) = (-21.96, 140.66);

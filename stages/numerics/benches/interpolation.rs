@@ -1,5 +1,6 @@
-//! Look-ups of an anomaly map: value and gradient along a flight and at random places, of a map that fits the cache
-//! and one that does not, one at a time and many at once; gaps of a large map filled; all beside scipy.
+//! Interpolation of anomaly maps, compared with scipy. The cases are value and gradient along a flight and at random
+//! places, one at a time and in batches. One map fits the cache and one does not. Another case fills gaps of a large
+//! map.
 //!
 //! `cargo bench -p magline-numerics --bench interpolation --profile dev` prints the fastest of several runs on one thread and
 //! checks each against a formula; `interpolation_scipy.py` times scipy on the same work, runs this, and prints the

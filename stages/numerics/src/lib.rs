@@ -18,10 +18,10 @@
 //! | [`compensation`] | the Tolles-Lawson matrix, its extensions, diagnostics of a calibration |
 //! | [`navigation`] | strapdown mechanisation, the Pinson error model, the 18-state extended Kalman filter |
 //!
-//! [`earth`], [`signal`] and [`regression`] do not use each other, nor do [`maps`] and [`compensation`]. Beside the
-//! folders are periodic angles ([`angle`]), reproducible random numbers ([`random`]) and what last bits depend on
-//! ([`arithmetic`]). Each folder re-exports the
-//! few items that are needed first; everything else is in its modules.
+//! [`earth`], [`signal`] and [`regression`] do not use each other, nor do [`maps`] and [`compensation`]. Outside the
+//! folders are periodic angles ([`angle`]), reproducible random numbers ([`random`]) and sources of differences in the
+//! last bits ([`arithmetic`]). Each folder re-exports the few items that are needed first; everything else is in its
+//! modules.
 //!
 //! # Example
 //!

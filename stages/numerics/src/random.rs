@@ -49,8 +49,8 @@ impl Normals {
     }
 }
 
-/// A seed for what has these names, of the seed of all: so that each flight and line has its own numbers, whatever the
-/// others are and in whichever order they are drawn.
+/// Seed for these names, derived from the common seed. Each flight and line has separate numbers, independent of the
+/// others and of the order of drawing.
 pub fn seed_of(seed: u64, names: &[&str]) -> u64 {
     names.iter().fold(mixed(seed ^ 0x2545_f491_4f6c_dd1d), |state, name| {
         // The length keeps ("ab", "c") from ("a", "bc").

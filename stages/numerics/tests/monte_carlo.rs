@@ -129,7 +129,7 @@ fn law_the_filter_is_as_good_as_it_says() {
         (chi_square(all, -3.29)..=chi_square(all, 3.29)).contains(&(average * all)),
         "mean NEES per degree of freedom {average:.3}"
     );
-    // The temporal variation by itself: chi-square of 1 degree.
+    // The temporal variation alone: chi-square of 1 degree.
     for (epoch, row) in EPOCHS.into_iter().enumerate() {
         let s = mean(runs, |run| run.remaining(row)[S].powi(2) / run.p_at_epochs[epoch][S][S]);
         // 99.9 % band: 11 epochs are looked at.
@@ -189,7 +189,7 @@ fn law_the_discretisation_of_the_noise_makes_no_odds_at_one_second() {
     }
 }
 
-/// What compensation leaves: two parts that last, for half a minute and for ten, and white noise.
+/// Residual of compensation: two Gauss-Markov processes, of half a minute and of ten, and white noise.
 fn left_by_compensation(samples: u32, normals: &mut Normals) -> Vec<f64> {
     let tt: Vec<f64> = (0..samples).map(|k| DT_S * f64::from(k)).collect();
     let minutes = GaussMarkov { sigma: 4.0, tau_s: 600.0 }.realisation(&tt, || normals.draw());

@@ -86,7 +86,7 @@ impl Flight {
         Self { ins: truth.with_errors(&errors), errors, terms: a, width: terms.len(), clean_nt }
     }
 
-    /// What the magnetometer reads with coefficients that depend on the row.
+    /// Readings of the magnetometer with coefficients that depend on the row.
     fn measured(&self, coefficients: impl Fn(usize) -> Vec<f64>) -> Vec<f64> {
         let aircraft = |row: usize| -> f64 {
             let terms = &self.terms[row * self.width..][..self.width];
@@ -189,7 +189,7 @@ fn law_the_online_filter_is_as_good_as_it_says() {
         let last = SAMPLES as usize - 1;
         let error: Vec<f64> = estimate.coefficients.iter().zip(&coefficients[last]).map(|(x, c)| c - x).collect();
         of_coefficients += nees(&error, &estimate.covariance) / n;
-        // Each coefficient by itself half-way: chi-square of 1 degree.
+        // Each coefficient alone half-way: chi-square of 1 degree.
         let row = 1200;
         let of = |k: usize| {
             let (x, sd) = (estimate.coefficients_by_row[18 * row + k], estimate.sigma_by_row[18 * row + k]);
@@ -214,7 +214,7 @@ fn law_the_online_filter_is_as_good_as_it_says() {
     assert!(within(of_coefficients, 18.0, n, 1.96), "{of_coefficients}");
     // The 18 are correlated, which widens the band of their mean; 15 % is four deviations of 1080 independent ones.
     assert!((half_way - 1.0).abs() < 0.15, "{half_way}");
-    // Of 144,000 samples the deviation is 0.4 %; the linearisation adds its part.
+    // With 144,000 samples the deviation is 0.4 %; the linearisation adds its part.
     assert!((nis - 1.0).abs() < 0.02, "{nis}");
     assert!(drms.sqrt() < 0.2 * ins_drms.sqrt());
 }
@@ -282,7 +282,7 @@ fn law_a_cold_start_in_the_cabin_is_calibrated_on_the_way() {
         let mut none = output.navigation.clone();
         none.x.iter_mut().for_each(|x| *x = [0.0; 18]);
         ins += flight.drms_m(&none, all / 4..all).powi(2) / runs as f64;
-        // What compensation with the final coefficients leaves, but for a constant.
+        // Residual of compensation with the final coefficients, except for a constant.
         let (a, found) = (&flight.terms, &output.magnetometers[0].coefficients);
         let miss = |row: usize| (0..19).map(|k| a[19 * row + k] * (found[k] - truth[k])).sum::<f64>();
         let mean = (0..all).map(miss).sum::<f64>() / all as f64;
@@ -304,7 +304,7 @@ fn current(seed: u64, row: usize) -> f64 {
 
 #[test]
 fn law_an_online_network_follows_an_aircraft_that_changes() {
-    // The field of a current saturates, beside a permanent field; at half-time the current's grows by half.
+    // The field of a current saturates, in addition to a permanent field. At half-time the current's grows by half.
     let (half, all) = (SAMPLES as usize / 2, SAMPLES as usize);
     let field = |terms: &[f64], current: f64, gain: f64| {
         60.0 * terms[0] - 40.0 * terms[1] + gain * 90.0 * (3.0 * (current - 0.5)).tanh() * terms[2]

@@ -19,7 +19,8 @@ impl Components {
     /// Whitened principal components of standardised features, from the moments and names of the features. `keep` is
     /// the number of components, or below 1 the fraction of the variance.
     ///
-    /// # Errors The same as [`PrincipalComponents::of`].
+    /// # Errors
+    /// The same as [`PrincipalComponents::of`].
     pub fn whitened(features: &Moments, names: Vec<String>, keep: f64) -> Result<Self, Fault> {
         let kept = if keep < 1.0 { Kept::Variance(keep) } else { Kept::Count(keep as usize) };
         let found = PrincipalComponents::of(features, Scaling::Standardise, kept, true).map_err(data)?;
@@ -33,7 +34,8 @@ impl Components {
 
     /// Moments of the components, from those of the features.
     ///
-    /// # Errors If the number of features differs from that of the components.
+    /// # Errors
+    /// If the number of features differs from that of the components.
     pub fn of(&self, features: &Moments) -> Result<Moments, Fault> {
         let (weights, offsets) = self.found.as_sums();
         features.combined(&weights, &offsets).map_err(data)

@@ -102,14 +102,16 @@ pub struct Learnt {
 pub trait FitModel: Send + Sync {
     /// Fits the model to all lines of `problem`. `prepared` holds the columns on the scale of `settings`.
     ///
-    /// # Errors If the data do not determine the model.
+    /// # Errors
+    /// If the data do not determine the model.
     fn fit(&self, _problem: &Problem, _settings: &Settings, _prepared: &Prepared) -> Result<Answer, Fault> {
         Err(Fault::bug("the model is declared as linear, and has no `fit`"))
     }
 
     /// Fits a model of `Samples` that is not a network. Replaces [`FitModel::fit`].
     ///
-    /// # Errors If the data do not determine the model, or the run is interrupted.
+    /// # Errors
+    /// If the data do not determine the model, or the run is interrupted.
     fn learn(&self, _samples: &Samples, _settings: &Settings, _work: &PointWork) -> Result<Learnt, Fault> {
         Err(Fault::bug("the model is declared as made of samples, and has no `learn`"))
     }

@@ -61,7 +61,8 @@ pub struct Problem<'a> {
 impl<'a> Problem<'a> {
     /// Gathers the shares of the lines, in the order of the lines.
     ///
-    /// # Errors If no selected line has the features, no row remains after filter and trim, or the lines have different
+    /// # Errors
+    /// If no selected line has the features, no row remains after filter and trim, or the lines have different
     /// numbers of terms.
     pub fn new(parts: &[&'a Part], at: &(Matrix, Targets)) -> Result<Self, Fault> {
         let terms = parts.iter().find_map(|p| p.terms.get(&at.0));
@@ -107,7 +108,8 @@ impl<'a> Problem<'a> {
 
     /// The same problem with all terms as differences per sample of another rate.
     ///
-    /// # Errors If a term has no equivalent at that rate, or the lines have different numbers of terms.
+    /// # Errors
+    /// If a term has no equivalent at that rate, or the lines have different numbers of terms.
     pub fn at_rate(&self, rate_hz: f64) -> Result<Self, Fault> {
         let mut problem = self.clone();
         (problem.rate_hz, problem.factors) = (rate_hz, vec![]);
@@ -175,7 +177,8 @@ impl<'a> Problem<'a> {
 
     /// Groups that cross-validation omits in turn: the lines, or the flights with all their lines.
     ///
-    /// # Errors If a line has another number of features than the problem.
+    /// # Errors
+    /// If a line has another number of features than the problem.
     pub fn groups(&self, settings: &Settings) -> Result<Vec<Moments>, Fault> {
         let lines = self.lines()?;
         if settings.choose != Choose::LeaveOneFlightOut {
@@ -193,7 +196,8 @@ impl<'a> Problem<'a> {
 
     /// The same problem with only the terms at `places`, or with all of them, from the factor of all.
     ///
-    /// # Errors If a position is beyond the last term.
+    /// # Errors
+    /// If a position is beyond the last term.
     pub fn cut(&self, places: Option<Vec<usize>>) -> Result<Problem<'a>, Fault> {
         let own = |moments: &Moments| own(moments, places.as_deref());
         let (merged, unfiltered) = (own(&self.merged)?, self.unfiltered.as_ref().map(own).transpose()?);
@@ -224,7 +228,8 @@ impl<'a> Problem<'a> {
     /// The same problem with whitened principal components of the standardised features instead of the features. `keep`
     /// is the number of components, or below 1 the fraction of the variance. Unchanged without `keep`.
     ///
-    /// # Errors If there are no rows, no component is kept, or the decomposition does not converge.
+    /// # Errors
+    /// If there are no rows, no component is kept, or the decomposition does not converge.
     pub fn whitened(mut self, keep: Option<f64>) -> Result<Self, Fault> {
         let Some(keep) = keep else { return Ok(self) };
         let components = Components::whitened(&self.merged, std::mem::take(&mut self.terms), keep)?;
@@ -297,7 +302,8 @@ impl<'a> Problem<'a> {
 
     /// Solves for the ridge parameters of all points of a kind at once. `lambdas` are those of the sweep.
     ///
-    /// # Errors If the decomposition does not converge.
+    /// # Errors
+    /// If the decomposition does not converge.
     pub fn solve_ridges(&mut self, settings: &Settings, lambdas: &[f64]) -> Result<(), Fault> {
         let (prepared, _) = self.prepared(settings)?;
         // If one cannot be solved, such as 0 with unexcited terms, each is solved separately later.

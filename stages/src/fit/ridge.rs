@@ -67,7 +67,8 @@ impl<M: Ridged> FitModel for M {
 
 /// Ridge with the parameter `lambda`. `prepared` holds the columns of `problem` on the scale of `settings`.
 ///
-/// # Errors If the columns do not determine the solution.
+/// # Errors
+/// If the columns do not determine the solution.
 pub fn ridge(problem: &Problem, settings: &Settings, prepared: &Prepared, lambda: f64) -> Result<Answer, Fault> {
     let found = |path: &RidgePath| path.solutions.iter().position(|s| s.lambda.to_bits() == lambda.to_bits());
     let (path, at) = match problem.path(settings).and_then(|path| found(path).map(|at| (path.clone(), at))) {

@@ -123,7 +123,8 @@ impl Part {
     /// Columns that several questions share are filtered once. The moments of each question are bit-identical to those
     /// of the question alone.
     ///
-    /// # Errors If the line has no numeric column `tt`, or its times have no sample rate. The fault of one question is
+    /// # Errors
+    /// If the line has no numeric column `tt`, or its times have no sample rate. The fault of one question is
     /// in the part instead.
     pub fn new(line: &LineIn, questions: &BTreeMap<Matrix, Question>) -> Result<Part, Fault> {
         let batch = &line.inputs[0];

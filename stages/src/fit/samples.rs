@@ -59,7 +59,8 @@ impl Samples<'_> {
     /// Positions of the entries `names`, each a name or a prefix of several names before a `_`. All positions without
     /// `names`.
     ///
-    /// # Errors If an entry is missing or chosen twice, or none is chosen.
+    /// # Errors
+    /// If an entry is missing or chosen twice, or none is chosen.
     pub fn places(&self, names: Option<&Vec<String>>) -> Result<Vec<usize>, Fault> {
         match names {
             Some(names) => places(names, self.names),
@@ -83,7 +84,8 @@ impl Samples<'_> {
 
     /// Sample rate of all lines, Hz.
     ///
-    /// # Errors If the rates differ by more than 1 %.
+    /// # Errors
+    /// If the rates differ by more than 1 %.
     pub fn rate_hz(&self) -> Result<f64, Fault> {
         let rates = || self.lines.iter().map(|line| line.rate_hz);
         let (least, most) = (rates().fold(f64::INFINITY, f64::min), rates().fold(0.0, f64::max));
@@ -101,7 +103,8 @@ impl Samples<'_> {
 
     /// Training lines, and the lines that the user names for validation.
     ///
-    /// # Errors If a name matches no line of the fit, or no training line remains.
+    /// # Errors
+    /// If a name matches no line of the fit, or no training line remains.
     pub fn split(&self, validation: &[String]) -> Result<(Vec<usize>, Vec<usize>), Fault> {
         let wrong = |what: String| Fault::data(what).of_param("validation");
         if let Some(name) = validation.iter().find(|name| !self.lines.iter().any(|line| line.is_named(name))) {
@@ -139,7 +142,8 @@ impl PointWork<'_> {
 
     /// See [`Work::goes_on`].
     ///
-    /// # Errors If the run is interrupted.
+    /// # Errors
+    /// If the run is interrupted.
     pub fn goes_on(&self, progress: &str) -> Result<(), Fault> {
         let stopped = || Fault::machine("interrupted").help("run the same command again to resume");
         if self.work.goes_on(self.point, progress).is_break() { Err(stopped()) } else { Ok(()) }

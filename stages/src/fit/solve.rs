@@ -65,7 +65,8 @@ pub struct Solved {
 
 /// Linear model of one point.
 ///
-/// # Errors The same as [`FitModel::fit`](super::FitModel::fit). If the decomposition does not converge.
+/// # Errors
+/// The same as [`FitModel::fit`](super::FitModel::fit). If the decomposition does not converge.
 pub fn solve(problem: &mut Problem, point: &Point) -> Result<Solved, Fault> {
     let (prepared, excited) = problem.prepared(&point.settings)?;
     let answer = point.model.fit(problem, &point.settings, &prepared)?;
@@ -122,7 +123,8 @@ fn too_short(unused: &str) -> Option<String> {
 
 /// Model that learned from samples, with its residual.
 ///
-/// # Errors If the model predicts values that are not finite.
+/// # Errors
+/// If the model predicts values that are not finite.
 pub fn solved(problem: &Problem, samples: &Samples, learnt: Learnt) -> Result<Solved, Fault> {
     let Learnt { model, chosen, curve, warning } = learnt;
     let left = samples.lines.iter().map(|line| residual(samples, line, &model)).collect::<Result<Vec<_>, Fault>>()?;

@@ -8,18 +8,18 @@ use std::{
 use arrow_array::{ArrayRef, Float64Array, RecordBatch, StringArray, cast::AsArray, types::Float64Type};
 use schemas::{AnyStage, AnySurveyPoint, Args, Fault, Given, LineIn, Literal, Unattended, Work};
 
-/// What the target is made of.
+/// Coefficients of the target.
 pub const COEFFICIENTS: [f64; 3] = [12.0, -7.0, 3.5];
 /// The constant in the target, in nT.
 pub const INTERCEPT_NT: f64 = 40.0;
 /// Rows of a line.
 const ROWS: usize = 200;
 
-/// What a fit says.
+/// Output of a fit.
 pub struct Found {
     /// The terms.
     pub term: Vec<String>,
-    /// What to know before it is trusted.
+    /// Reasons to distrust it.
     pub warning: String,
     /// The coefficients, the intercept last where there is one.
     pub value: Vec<f64>,
@@ -123,7 +123,7 @@ pub struct Stopping {
 }
 
 impl Stopping {
-    /// Stops after so many, and begins with a state.
+    /// Stops after `after` reports, and begins with a stored state.
     pub fn after(after: usize, kept: Option<Vec<u8>>) -> Self {
         Self { after, kept: Mutex::new(kept), told: Mutex::default() }
     }
@@ -133,7 +133,7 @@ impl Stopping {
         self.kept.lock().unwrap().clone()
     }
 
-    /// How often progress was told.
+    /// Number of progress reports.
     pub fn told(&self) -> usize {
         *self.told.lock().unwrap()
     }

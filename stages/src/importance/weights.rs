@@ -85,7 +85,8 @@ pub struct Rows {
 impl Rows {
     /// Rows of a line that are used.
     ///
-    /// # Errors If the line lacks a column, is not evenly sampled, or has fewer than two such rows.
+    /// # Errors
+    /// If the line lacks a column, is not evenly sampled, or has fewer than two such rows.
     pub fn of(stage: &Importance, line: &LineIn, fitted: &Fitted) -> Result<Self, Fault> {
         let batch = line.inputs.first().ok_or_else(|| Fault::bug("a stage without an input"))?;
         let (tt, target) = (floats(batch, "tt")?, floats(batch, &stage.target)?);
@@ -118,7 +119,8 @@ impl Rows {
 impl Importance {
     /// Groups of entries: the named groups, then every other entry as a separate group.
     ///
-    /// # Errors If a group has no entry, or shares one with another.
+    /// # Errors
+    /// If a group has no entry, or shares one with another.
     pub fn grouped(&self, columns: &[String]) -> Result<(Vec<String>, Vec<Vec<usize>>), Fault> {
         let mut left: Vec<bool> = vec![true; columns.len()];
         let (mut names, mut groups) = (vec![], vec![]);
@@ -147,7 +149,8 @@ impl Importance {
 
     /// Importance of each group on a line.
     ///
-    /// # Errors If the method does not suit the model, or the line is too short for it.
+    /// # Errors
+    /// If the method does not suit the model, or the line is too short for it.
     pub fn weights(&self, rows: &Rows, fitted: &Fitted, groups: &[Vec<usize>]) -> Result<Found, Fault> {
         match self.method {
             Method::Permutation => Ok(self.permuted(rows, fitted, groups)?.into()),

@@ -442,7 +442,7 @@ impl Kind for Filter {
 pub fn navigate_points<F: NavigationFilter>(points: &[Point]) -> Vec<Result<Track, Fault>> {
     let mut ours: Vec<Option<(&F, &Flown)>> = vec![];
     for (filter, flown) in points {
-        // Of a list of one kind all have its type.
+        // All filters in a list of one kind have its type.
         let filter: &dyn Any = *filter;
         ours.push(filter.downcast_ref::<F>().map(|filter| (filter, *flown)));
     }

@@ -149,7 +149,7 @@ impl Answer {
 
 /// The stage with a filter, its keys written as in a spec.
 fn args(filter: &str, keys: &str) -> Args {
-    // What the flight is like: an INS that is off by more than a good one's, and a field without the core field.
+    // Properties of the flight: an INS with larger errors than a good one's, and a field without the core field.
     let usual = format!(
         "filter = '{filter}'\ntuning = 'magnav'\ncore_field = false\nmeasurement_sigma_nt = 1.5\nfogm_sigma_nt = 1.0\n\
          init_position_sigma_m = 20.0\ninit_velocity_sigma_mps = 0.3\n"

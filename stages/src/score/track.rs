@@ -390,7 +390,7 @@ mod tests {
     #[test]
     fn law_a_consistent_track_is_called_so_and_one_that_trusts_itself_too_much_is_not() {
         let [nees, nis, white, within, lost] = of_tracks(1.0, false);
-        // Of twenty tests at 95 % one fails on average, and five once in two thousand times.
+        // At 95 %, one of twenty tests fails on average, and five fail once in two thousand times.
         assert!(nees >= 0.75 && nis >= 0.75, "{nees} {nis}");
         // 400 lags: 1.1 % a sigma; 20,000 samples within 0.989: 0.07 %.
         assert!(

@@ -1,9 +1,10 @@
 //! A network over a window of samples as its table holds it.
 //!
-//! The inputs are scaled as in [`network`](super::network): z = (x - `input_mean`) / `input_scale`. `memory` makes features of the last
-//! `window` samples at `rate_hz`, of which the last is the one that is predicted, and a dense network of `hidden` layers makes the
-//! field of them: `target_mean` + `target_scale` N. Where a run of samples is shorter than the window, its first sample stands for
-//! those before it. The weights are named as those of PyTorch are laid out: [`learning::network::Windowed`].
+//! The inputs are scaled as in [`network`](super::network): z = (x - `input_mean`) / `input_scale`. `memory` computes
+//! features of the last `window` samples at `rate_hz`; the last of these is the predicted sample. A dense network of
+//! `hidden` layers computes the field from them: `target_mean` + `target_scale` N. Where a run of samples is shorter
+//! than the window, its first sample replaces the missing earlier ones. The weights have the names of their PyTorch
+//! layout: [`learning::network::Windowed`].
 
 use learning::{
     inputs::Inputs,
@@ -195,7 +196,7 @@ mod tests {
             // The last four rows alone predict the last.
             let last = network.predict(&rows[12..], &[4]).field_nt;
             assert_eq!(whole[9], last[3], "{memory:?}");
-            // What follows changes nothing, and a run knows nothing of the one before.
+            // Later samples change nothing, and a run is independent of the one before.
             assert_eq!(whole[..7], network.predict(&rows[..14], &[7]).field_nt, "{memory:?}");
             assert_eq!(network.predict(&rows, &[4, 6]).field_nt[4], network.predict(&rows[8..], &[6]).field_nt[0]);
         }

@@ -69,7 +69,7 @@ fn ref_sampled_values_are_those_of_shap_within_their_errors() {
     let typical = (ratios.iter().map(|r| r * r).sum::<f64>() / ratios.len() as f64).sqrt();
     // 24 differences of which the five of a row depend on each other: one standard error, give or take a third.
     assert!(ratios.len() >= 20 && (0.6..1.5).contains(&typical), "{typical} {ratios:?}");
-    // What stands by itself has no error: -2 x4.
+    // The additive term -2 x4 has no sampling error.
     let mean = background.iter().skip(4).step_by(5).sum::<f64>() / 20.0;
     for row in 0..EXPLAINED {
         assert!((found.values[5 * row + 4] + 2.0 * (rows[5 * row + 4] - mean)).abs() < 1e-12);
@@ -156,7 +156,7 @@ fn ref_values_of_a_forest_are_those_of_tree_explainer() {
         "{}",
         worst(&found.values, &expected(&truth, "value"))
     );
-    // In groups as by sampling of so many orders that all of them occur.
+    // Groups give the same values as sampling of enough orders to cover all of them.
     let groups = [vec![2, 0], vec![1, 3], vec![4]];
     let exact = shapley_trees(&forest, &rows, &background, 5, &groups).unwrap();
     let predict = |x: &[f64]| Ok::<_, Never>(forest.predict(x, 5));

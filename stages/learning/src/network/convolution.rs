@@ -67,7 +67,7 @@ impl Convolution {
         (0..window.max(1).ilog2()).map(move |layer| if layer == 0 { inputs } else { units })
     }
 
-    /// The number of weights of a layer whose samples have so many inputs.
+    /// Number of weights of a layer with `inputs` inputs per sample.
     pub const fn weights(inputs: usize, units: usize) -> usize {
         units * TAPS * inputs
     }

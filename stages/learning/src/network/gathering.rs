@@ -9,7 +9,7 @@ const AHEAD: usize = 8;
 /// Numbers in a line of the cache.
 const LINE: usize = 8;
 
-/// Appends the rows of these numbers of a matrix with so many columns.
+/// Appends the listed rows of a matrix with `columns` columns.
 pub(super) fn gather(from: &[f64], columns: usize, rows: &[u32], to: &mut Vec<f64>) {
     let row = |row: &u32| &from[*row as usize * columns..][..columns];
     for (place, now) in rows.iter().enumerate() {

@@ -13,8 +13,8 @@ use super::shape::{Form, Shape};
 pub struct Scales<'a> {
     /// Columns to inputs.
     pub inputs: &'a Inputs,
-    /// What is added to the linear terms, and then what they are multiplied by, each of one entry a term; empty where they are
-    /// used as they are.
+    /// Offsets added to the linear terms, and then their factors, with one entry per term each. Empty where the terms
+    /// are unscaled.
     pub linear: Option<(&'a [f64], &'a [f64])>,
     /// The mean of the target, in nT.
     pub target_mean: f64,
@@ -247,7 +247,7 @@ impl Graph {
     }
 }
 
-/// The description of rows of so many columns in double precision.
+/// Describes rows of `columns` columns in double precision.
 fn rows(name: &str, columns: usize) -> Message {
     let nested = |number: u64, inner: Message| {
         let mut outer = Message::default();

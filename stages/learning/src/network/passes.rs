@@ -60,7 +60,7 @@ pub(super) struct Buffers {
 /// The linear terms of some rows.
 #[derive(Clone, Copy)]
 pub(super) enum Terms<'a> {
-    /// As they are, row-major.
+    /// Unchanged terms, row-major.
     Rows(&'a [f64]),
     /// Times their coefficients and summed, for [`Form::FixedLinear`], whose coefficients stay.
     Products(&'a [f64]),

@@ -173,7 +173,7 @@ impl Body for Recurrent {
             add_outer(&self.h[step][..rows * stride], stride, d_u, &mut self.gradient_of_units);
             let before = &mut self.d_h_before[..rows * stride];
             affine(d_u, sums_stride, &self.of_units_back, before);
-            // What passed a GRU's step unchanged is left in `d_h`.
+            // `d_h` holds the gradient that passes a GRU's step unchanged.
             self.d_h.iter_mut().zip(before).for_each(|(d_h, before)| *d_h += *before);
         }
         let [w, u, b, c] = split(sums, self.inputs, units, gradient);

@@ -36,7 +36,7 @@ impl Form {
     }
 }
 
-/// A network of dense layers, with linear terms beside it.
+/// A network of dense layers with additional linear terms.
 ///
 /// Its parameters are one vector: layer by layer the weights, row-major (unit, input), then the biases of its units; the
 /// output layer is the last. Then, where the form has them, the coefficients b of the linear terms.

@@ -7,8 +7,9 @@ use super::training::Epoch;
 /// The first bytes of a stored state; the last is the version of the layout.
 const HEAD: [u8; 8] = *b"MAGNET\0\x01";
 
-/// Everything that a training goes on from at the end of an epoch: from it, the same samples and settings give the same bits
-/// as an unbroken run. Random numbers are drawn by seed, epoch and batch, so that none of their state is kept.
+/// State of a training at the end of an epoch, from which it resumes. With the same samples and settings, the resumed
+/// run gives the same bits as an unbroken run. Random numbers are drawn by seed, epoch and batch, so that none of their
+/// state is kept.
 #[derive(Debug, Clone, PartialEq)]
 pub struct State {
     /// The number of epochs that are done.

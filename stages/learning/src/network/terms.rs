@@ -20,7 +20,7 @@ const CHUNK: usize = 4096;
 /// what hardly varies in the rows would weigh as much as all else. The other forms train nothing that is multiplied by terms.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TermScaling {
-    /// What Tolles-Lawson has at the mean of the terms.
+    /// Value of Tolles-Lawson at the mean of the terms.
     offset: f64,
     maps: Option<Maps>,
 }
@@ -35,9 +35,9 @@ struct Maps {
 }
 
 impl TermScaling {
-    /// Of rows of `width` terms, row-major, and the coefficients of Tolles-Lawson. `whiten` is as in
-    /// [`Inputs::whitened`](crate::inputs::Inputs::whitened): the components that it does not keep are divided by the deviation of the last
-    /// that it keeps, since they cannot be left out.
+    /// Scales rows of `width` terms, row-major, and the coefficients of Tolles-Lawson. `whiten` is as in
+    /// [`Inputs::whitened`](crate::inputs::Inputs::whitened). No component can be omitted, so the unkept ones are
+    /// divided by the deviation of the last kept one.
     ///
     /// # Errors
     /// Fails for values that are no rows, without rows, for a `whiten` out of range, and without convergence.
@@ -59,7 +59,7 @@ impl TermScaling {
         }
         let moments = Moments::of(a, width, &[])?;
         let mean = moments.term_means();
-        // A term that is the same in every row changes nothing, whatever it is divided by.
+        // A term that is the same in every row changes nothing with any divisor.
         let usable = |size: f64| if size > 0.0 && size.is_finite() { size } else { 1.0 };
         let maps = match whiten {
             Some(keep) => {
@@ -84,8 +84,8 @@ impl TermScaling {
         Ok(Self { offset: dot(&maps.mean, tolles_lawson), maps: Some(maps) })
     }
 
-    /// What is taken off the target, in its scale: Tolles-Lawson at the mean of the terms, so that the scaled terms with
-    /// the scaled coefficients are Tolles-Lawson of the rows.
+    /// Offset subtracted from the target, in its scale: Tolles-Lawson at the mean of the terms. With it, the scaled
+    /// terms with the scaled coefficients are Tolles-Lawson of the rows.
     pub fn offset(&self) -> f64 {
         self.offset
     }

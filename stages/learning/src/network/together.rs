@@ -19,8 +19,8 @@ pub type Each<'a> = dyn FnMut(&Epoch, &State) -> ControlFlow<()> + 'a;
 
 /// Trains a network from a start, or on from the state at the end of an epoch of the same training.
 ///
-/// The answer is the same to the last bit on any number of threads, for a training that was stopped and goes on, and
-/// beside others ([`train_together`]).
+/// Results are bit-identical on any number of threads, for resumed trainings, and when trained with others
+/// ([`train_together`]).
 ///
 /// # Errors
 /// Fails without samples, for lengths that do not fit, values that are not finite, settings out of their range, a
@@ -101,7 +101,7 @@ impl<'a> Job<'a> {
     /// The training of a network of each sample alone, as [`train`].
     ///
     /// # Errors
-    /// As [`train`], but for those that show in training.
+    /// The same as for [`train`], except errors that occur during training.
     pub fn new(
         shape: &'a Shape,
         start: State,
@@ -117,7 +117,7 @@ impl<'a> Job<'a> {
     /// The training of a network over windows, as [`train_windowed`].
     ///
     /// # Errors
-    /// As [`train_windowed`], but for those that show in training.
+    /// The same as for [`train_windowed`], except errors that occur during training.
     pub fn windowed(
         network: &'a Windowed,
         start: State,

@@ -9,7 +9,7 @@ fn start(shape: &Shape) -> State {
     State::new(shape, parameters)
 }
 
-/// What a training ends with, to the last bit.
+/// Result of a training, with all bits.
 fn bits(trained: &Result<Trained, TrainingError>) -> String {
     match trained {
         Ok(Trained { parameters, epochs, best }) => {

@@ -85,7 +85,7 @@ pub enum Schedule {
     /// Not at all.
     #[default]
     Constant,
-    /// By a factor after every so many epochs.
+    /// Multiplied by `factor` after every `every` epochs.
     Steps {
         /// The epochs between two changes.
         every: usize,
@@ -142,7 +142,7 @@ pub struct Training {
     pub sparse_group_lasso: Option<SparseGroupLasso>,
     /// The weight of the mean squared distance of the predictions from Tolles-Lawson, a·b with [`State::tolles_lawson`].
     pub physics: f64,
-    /// Training ends after so many epochs in which the validation loss has had no new least value.
+    /// Number of epochs without a new least validation loss after which training ends.
     pub patience: Option<usize>,
     /// Seed of the order of the samples and of dropout.
     pub seed: u64,
@@ -204,7 +204,7 @@ pub enum TrainingError {
     Length {
         /// `to train on` or `to validate with`.
         what: &'static str,
-        /// What they are.
+        /// Name of the values.
         of: &'static str,
         /// Their number.
         given: usize,
@@ -218,7 +218,7 @@ pub enum TrainingError {
     NotFinite {
         /// `to train on` or `to validate with`.
         what: &'static str,
-        /// What it is.
+        /// Name of the value.
         of: &'static str,
         /// The row, from 0.
         row: usize,
@@ -244,7 +244,7 @@ pub enum TrainingError {
     /// The state to go on from is not one of this network.
     #[error("there are {given} initial parameters, but this network requires {expected} finite ones")]
     Start {
-        /// The number of finite parameters, or of the coefficients and moments beside them that does not fit.
+        /// Number of finite parameters, or of the coefficients or moments that do not fit.
         given: usize,
         /// The number needed.
         expected: usize,

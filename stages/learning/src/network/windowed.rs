@@ -26,8 +26,9 @@ choice! {
     }
 }
 
-/// A network over a window that ends at the sample it predicts: no sample of the future. Where a run is shorter than the
-/// window, its first sample stands for those before it. The features of the window are the inputs of a dense network.
+/// A network over a window that ends at the predicted sample, without samples of the future. Where a run is shorter
+/// than the window, its first sample replaces the missing earlier ones. The features of the window are the inputs of a
+/// dense network.
 ///
 /// Its parameters are one vector: those of the memory, then those of the dense network. Of `gru` and `lstm` they are the weights
 /// of the inputs, row-major (gate and unit, input), those of the units before, row-major (gate and unit, unit), and the biases of

@@ -32,7 +32,7 @@ pub enum Dimension {
         /// Whether equal ratios count alike; `low` is above 0 then.
         log: bool,
     },
-    /// One of so many things that have no order, at least one.
+    /// One of this number of unordered choices, at least one.
     Choice(usize),
 }
 
@@ -57,7 +57,7 @@ pub enum Method {
         /// Whether it is scrambled.
         scramble: bool,
     },
-    /// The tree-structured Parzen estimator (Bergstra et al. 2011), after so many trials of a scrambled Sobol sequence.
+    /// The tree-structured Parzen estimator (Bergstra et al. 2011), after `start` trials of a scrambled Sobol sequence.
     Tpe {
         /// The number of trials that it starts from, at least one.
         start: usize,

@@ -131,7 +131,8 @@ mod tests {
 
     #[test]
     fn law_scrambled_points_keep_every_elementary_interval() {
-        // Of the first 2^m points each of 2^m slices of a side has one; of two sides, each of 2^a x 2^(m-a) boxes.
+        // Among the first 2^m points, each of 2^m slices of a side has one. For two sides, each of 2^a x 2^(m-a) boxes
+        // has one.
         for seed in 0..20 {
             let points: Vec<Vec<f64>> = (0..64).map(|i| point(i, MOST_DIMENSIONS, Some(seed)).unwrap()).collect();
             for k in 0..MOST_DIMENSIONS {

@@ -46,7 +46,7 @@ fn functions() -> Vec<Function> {
     ]
 }
 
-/// What a search of 50 trials leaves of a function whose minimum is 0, in generations of `size`.
+/// Regret after a search of 50 trials on a function whose minimum is 0, in generations of `size`.
 fn regret(method: Method, f: fn(&[Value]) -> f64, dimensions: &[Dimension], seed: u64, size: usize) -> f64 {
     let mut outcomes: Vec<Outcome> = vec![];
     while outcomes.len() < 50 {
@@ -187,7 +187,7 @@ fn unit_trials_without_a_cost_are_stayed_away_from() {
     let next = propose(Method::Tpe { start: 1 }, &dimensions, 0, 30, 40, &outcomes);
     let fails = next.iter().filter(|v| number(v[0]) > 0.5).count();
     assert!(fails < 10, "{fails} of 40");
-    // All of them without one: the search goes on.
+    // No outcome has a cost: the search continues.
     let none: Vec<Outcome> = outcomes.into_iter().map(|o| Outcome { cost: None, ..o }).collect();
     assert_eq!(propose(Method::Tpe { start: 1 }, &dimensions, 0, 30, 4, &none).len(), 4);
 }

@@ -51,7 +51,7 @@ pub fn propose(
     };
     let scored = |values: Vec<Value>| {
         let gain = good.log_density(&values) - bad.log_density(&values);
-        // What was proposed before comes after all that was not.
+        // Repeated candidates rank after all new ones.
         (!known(&values), gain, values)
     };
     let mut best = scored(fresh(bits));

@@ -76,7 +76,7 @@ fn bin_of(thresholds: &[f64; BINS], x: f64) -> u8 {
     at as u8
 }
 
-/// The middles between all distinct values, or between the values beside each 256th part of them where they are more.
+/// Midpoints between all distinct values. For more than [`BINS`] of them, midpoints at the quantiles of [`BINS`] parts.
 fn thresholds(x: &[f64], width: usize, column: usize) -> Vec<f64> {
     let rows = x.len() / width;
     let sampled = rows.min(SAMPLED);
@@ -116,7 +116,7 @@ mod tests {
             let below = (0..BINS - 1).filter(|&b| bins.threshold(0, b) < *value).count();
             assert_eq!(below, usize::from(bin[0]));
         }
-        // As many rows in each bin, up to one.
+        // Equal numbers of rows in each bin, up to one.
         let mut rows = [0; BINS];
         bins.packed(0).iter().for_each(|bin| rows[usize::from(bin[0])] += 1);
         assert!(rows.iter().all(|n| (19..=20).contains(n)), "{rows:?}");

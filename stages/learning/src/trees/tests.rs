@@ -129,7 +129,7 @@ fn law_a_training_that_goes_on_has_the_bits_of_one_that_was_not_broken_off() {
 #[test]
 fn law_training_ends_early_at_the_trees_that_validate_best() {
     let (x, y) = waves(0..2000);
-    // What the validation rows have is twice as large with the other sign: each tree makes it worse after the first.
+    // The validation target is twice as large with the opposite sign. Each tree after the first makes its loss worse.
     let ahead: Vec<f64> = y.iter().map(|y| -2.0 * y).collect();
     let how = Boosting { trees: 50, patience: Some(4), ..Boosting::default() };
     let stopped = boost(&x, 8, &y, &how, Some((&x, &ahead)), &mut on).unwrap();

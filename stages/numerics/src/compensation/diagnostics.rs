@@ -182,14 +182,14 @@ pub fn trivial_solution<S: AsRef<str>>(
     }))
 }
 
-/// What the linear form of Tolles-Lawson misses at most, in nT, in any attitude.
+/// Upper bound of the error of the linear form of Tolles-Lawson, in nT, in any attitude.
 ///
 /// The aircraft's field F changes the magnitude B of the earth's by F·B̂ + F⊥²/2B + …, and the model has the first term
 /// alone. F is `permanent_nt` p (nose, right, down) plus M B with the symmetric matrix `induced` (xx, xy, xz, yy, yz,
-/// zz, per unit field; a term xy of the model stands for both xy and yx). Its size is at most |p| + ‖M‖ B, with the
-/// largest absolute eigenvalue of M: so the bound is (|p| + ‖M‖ B)²/2B, the relative b²/2 of thesis 004 (Figure 4.2:
-/// 0.4 nT for 200 nT in 50,000 nT). Eddy currents, and what is antisymmetric in M, are not in it: a scalar does not
-/// tell the latter.
+/// zz, per unit field). A term xy of the model is the sum of xy and yx. The size of F is at most |p| + ‖M‖ B, with the
+/// largest absolute eigenvalue of M. The bound is therefore (|p| + ‖M‖ B)²/2B, the relative b²/2 of van der Meer 2025
+/// (Figure 4.2: 0.4 nT for 200 nT in 50,000 nT). It excludes eddy currents and the antisymmetric part of M, which a
+/// scalar magnetometer cannot observe.
 pub fn approximation_bound_nt(permanent_nt: [f64; 3], induced: [f64; 6], field_nt: f64) -> f64 {
     let [xx, xy, xz, yy, yz, zz] = induced;
     let (xy, xz, yz) = (0.5 * xy, 0.5 * xz, 0.5 * yz);
@@ -351,7 +351,7 @@ mod tests {
         let strong = judged(0.025);
         assert!(!strong.is_trivial() && strong.distance > 0.9 && strong.share.abs() < 0.1, "{strong:?}");
         assert!(strong.is_excluded(), "{strong:?}");
-        // What the trivial one costs is 3 λ of coefficients s, as it misses nothing.
+        // The trivial solution costs 3 λ of coefficients s, since its residual is zero.
         assert!((strong.trivial_loss / (0.025 * 3.0 * DEFAULT_SCALE_NT.powi(2)) - 1.0).abs() < 1e-6);
         let five = Moments::of(&[1.0, 2.0], 1, &[&[1.0, 2.0]]).unwrap();
         let fit = LinearFit { coefficients: vec![1.0], intercept: 0.0 };

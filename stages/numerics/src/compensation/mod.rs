@@ -29,7 +29,7 @@
 //! ```
 //!
 //! with the scale s = 50,000 nT ([`DEFAULT_SCALE_NT`]) and Ḃ the central difference per sample. A term xy of the
-//! induced field stands for b_xy + b_yx: a scalar does not tell them apart. The band-pass removes the earth's field
+//! induced field is b_xy + b_yx: a scalar magnetometer cannot separate them. The band-pass removes the earth's field
 //! B_e as far as it varies slowly.
 //!
 //! Where the printed equations differ: thesis 000 (3.20) lacks s, on which its Tables 3.1 and 3.2 and its ridge

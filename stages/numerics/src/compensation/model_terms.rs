@@ -137,7 +137,7 @@ mod tests {
         assert!(extended_terms(&[1.0], [&[1.0], &[0.0], &[0.0]], Group::ProjectedChange).is_none());
     }
 
-    /// What the model says of the scalar, to first order: the aircraft's P + M C + E Ċ along the field's direction.
+    /// Modelled scalar reading to first order: the aircraft's P + M C + E Ċ along the field's direction.
     #[test]
     fn law_core_terms_are_the_aircrafts_field_along_the_vector() {
         let core: [&[f64]; 3] =

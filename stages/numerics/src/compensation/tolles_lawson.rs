@@ -97,8 +97,8 @@ pub fn matrix(field: &Field<'_>, terms: &Terms, scale_nt: f64) -> Result<Vec<f64
     matrix_in_runs(field, terms, scale_nt, std::slice::from_ref(&whole))
 }
 
-/// As [`matrix`], with breaks that are not visible in the field itself, such as jumps of time:
-/// a difference stays within its run. Rows outside all `runs` are NaN in all but the bias.
+/// The same as [`matrix`], with breaks that are not visible in the field itself, such as jumps of time. A difference
+/// stays within its run. Rows outside all `runs` are NaN in all but the bias.
 ///
 /// # Errors
 /// Fails as [`matrix`].

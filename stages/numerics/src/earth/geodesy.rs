@@ -20,8 +20,8 @@ pub enum EarthModel {
     /// The ellipsoid: meridian radius for north, transverse radius for east, both plus the height.
     #[default]
     Wgs84,
-    /// As MagNav.jl 1.3.3: the transverse radius for both, the height left out (0.33 % of a
-    /// northward distance at 45°). For comparing figures with that program.
+    /// Radii of MagNav.jl 1.3.3: the transverse radius for both, without the height (0.33 % of a northward distance at
+    /// 45°). For comparison with that program.
     Compatible,
 }
 

@@ -1,9 +1,9 @@
 //! Anomaly retention of a compensation.
 //!
-//! A compensation model is fitted to whatever looks like the aircraft; where the aircraft turns over geology, some of
-//! the geology looks like the aircraft and is removed with it. Where the anomaly a is known (a simulated flight, or
-//! a good map), that can be measured. Of a line let c be the compensated reading, r the true one and r − a what it
-//! would be without the anomaly. Then
+//! A compensation model also fits signals that resemble the aircraft field. Where the aircraft turns over geology, part
+//! of the anomaly resembles it and is removed. The loss can be measured where the anomaly a is known (a simulated
+//! flight, or a good map). For a line, let c be the compensated reading, r the true one and r − a the true one without
+//! the anomaly. Then
 //!
 //! y = c − (r − a) = ρ a + e,
 //!

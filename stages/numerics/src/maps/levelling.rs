@@ -19,7 +19,7 @@ use crate::{maps::gridding::SurveyPoints, regression::statistics::median};
 use adjustment::Adjustment;
 use std::collections::BTreeMap;
 
-/// What fixes the common level, which crossovers do not determine.
+/// Constraint that fixes the common level, which crossovers do not determine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Gauge {
     /// The group, ties or the other lines, whose corrections scatter less keeps its median at zero: ties where the
@@ -46,7 +46,7 @@ pub struct LevelOptions {
     /// Differences larger than this number of standard deviations are down-weighted (Huber); infinity weighs
     /// them by the gradient alone.
     pub huber_sigmas: f64,
-    /// What fixes the common level.
+    /// Constraint that fixes the common level.
     pub gauge: Gauge,
     /// The tie lines; `None` selects those more than 45 degrees off the heading most flown.
     pub ties: Option<Vec<usize>>,
@@ -74,7 +74,7 @@ pub struct Merit {
 }
 
 impl Merit {
-    /// Of differences; NaN if there are none.
+    /// Merit of differences; NaN if there are none.
     pub fn of(differences_nt: &[f64]) -> Self {
         let n = differences_nt.len();
         let squares: f64 = differences_nt.iter().map(|d| d * d).sum();

@@ -123,8 +123,8 @@ impl MapStack {
         Ok(Self::of(heights_m, maps, &known, &slopes, options))
     }
 
-    /// A stack of maps and their vertical derivatives, in nT/m: between levels the cubic of Hermite with these slopes,
-    /// whatever `options.between` says. Twice as accurate as a spline that has to estimate the slopes.
+    /// A stack of maps and their vertical derivatives, in nT/m. Between levels it uses the cubic of Hermite with these
+    /// slopes and ignores `options.between`. It is twice as accurate as a spline that has to estimate the slopes.
     ///
     /// # Errors
     /// Fails as [`Self::new`], with [`StackError::Count`] when the derivatives are not as many as the maps, and with

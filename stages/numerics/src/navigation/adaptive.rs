@@ -368,7 +368,7 @@ impl Filter<'_> {
             return;
         }
         self.excess.push(nis - 1.0);
-        // What is not there yet is as expected.
+        // Missing entries of the window count with their expected value.
         let share = (self.excess.sum() / self.parameters.window as f64).clamp(0.0, 1.0);
         self.pending = (share > 0.0).then_some(GiveBack { at, noise_nt2, share });
     }

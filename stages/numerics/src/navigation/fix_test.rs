@@ -224,7 +224,7 @@ impl<'a> Monitor<'a> {
             }
             let fixes = self.fixes.at(self.ins, at, self.errors.earth);
             for channel in 0..self.channels.len() {
-                // Of the first sample the channels before this one are in the estimate already.
+                // At the first sample the estimate already contains the channels before this one.
                 let done = at == first && channel < of;
                 let later = at == row && channel > of;
                 let Channel { coordinates, uses, .. } = &self.channels[channel];

@@ -39,7 +39,7 @@ pub(crate) struct Flight {
     pub(crate) ins: Line,
     pub(crate) errors: Vec<StateVector>,
     pub(crate) field_nt: Vec<f64>,
-    /// What the line is filtered with.
+    /// Error model of the filter.
     pub(crate) model: InsErrorModel,
 }
 
@@ -59,7 +59,7 @@ impl Flight {
         Self { truth, ins, errors, field_nt, model }
     }
 
-    /// What a magnetometer reads whose white noise has this standard deviation.
+    /// Readings of a magnetometer with white noise of this standard deviation.
     pub(crate) fn measured(&self, seed: u64, sigma_nt: f64) -> Vec<f64> {
         let mut normals = Normals::new(seed);
         self.field_nt.iter().map(|field| field + sigma_nt * normals.draw()).collect()

@@ -1,11 +1,11 @@
 //! The unscented Kalman filter of magnetic navigation, on the 18 states of [`ekf`](crate::navigation::ekf).
 //!
 //! The error dynamics are linear, so the step to the next sample is the exact one, x ← Φ x, P ← Φ P Φᵀ + Q. The
-//! measurement z = g(y) + S + v is nonlinear in the position y = (latitude, longitude, height) alone, so the unscented
-//! transform is taken over these n = 3 states: with the Cholesky factor L Lᵀ = P_yy and c² = α² (n + κ), the field is
-//! looked up at the seven points y and y ± c L_i. Given y, the other states are linear in it. A full transform of the
-//! 18 states by the Cholesky factor with y first moves y in the same six directions only, and gives the same mean, gain
-//! and covariance when its c, α and β are the same. [Briers, Maskell & Wright 2003; Morelande & Ristic 2006]
+//! measurement z = g(y) + S + v is nonlinear in the position y = (latitude, longitude, height) alone. The unscented
+//! transform is therefore applied to these n = 3 states. With the Cholesky factor L Lᵀ = P_yy and c² = α² (n + κ), the
+//! field is looked up at the seven points y and y ± c L_i. Given y, the other states are linear in it. A full transform
+//! of the 18 states by the Cholesky factor with y first moves y in the same six directions only. It gives the same
+//! mean, gain and covariance when its c, α and β are the same. [Briers, Maskell & Wright 2003; Morelande & Ristic 2006]
 //!
 //! With the halves of the first differences d_i = (g_i⁺ − g_i⁻)/(2c) and of the second e_i = (g_i⁺ + g_i⁻)/2 − g₀, the
 //! weighted sums over the points [Julier & Uhlmann 2004; Wan & van der Merwe 2000] become

@@ -71,7 +71,7 @@ impl Band {
     }
 }
 
-/// What tells whether a residual wanders, and how far. All but the last are upper triangles, of sums over runs.
+/// Statistics of a residual that wanders. All but the last are upper triangles, of sums over runs.
 #[derive(Clone, Debug, PartialEq)]
 struct Walk {
     /// The mean powers of the slowest waves.
@@ -109,7 +109,7 @@ pub struct CrossSpectra {
     sums: Vec<f64>,
     /// By their number; the lowest holds the means of the runs.
     bands: BTreeMap<i32, Band>,
-    /// Of [`Ends::Wandering`].
+    /// Statistics of [`Ends::Wandering`].
     walk: Option<Walk>,
 }
 

@@ -202,7 +202,7 @@ impl QrAccumulator {
         Ok(())
     }
 
-    /// As [`push`](Self::push) with a weight of at least 0 for each row's squared residual. Means are then
+    /// The same as [`push`](Self::push) with a weight of at least 0 for each row's squared residual. Means are then
     /// weighted too, in a fit with an intercept as well.
     ///
     /// # Errors
@@ -285,8 +285,8 @@ impl QrAccumulator {
         self.path(lambdas, names, false)
     }
 
-    /// As [`solve`](Self::solve) after subtracting the means of terms and targets: a fit with an
-    /// intercept that is not penalised.
+    /// The same as [`solve`](Self::solve) after subtracting the means of terms and targets: a fit with an intercept
+    /// that is not penalised.
     ///
     /// # Errors
     /// Fails as [`solve`](Self::solve).

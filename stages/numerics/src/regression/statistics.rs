@@ -268,7 +268,7 @@ mod tests {
         assert!((improvement_ratio(&x, &quieter).value - 8.0).abs() < 1e-12);
         let estimate: Vec<f64> = x.iter().map(|x| x * 1.25 + 3.0).collect();
         assert!((signal_to_noise(&estimate, &x, &x).value - 4.0).abs() < 1e-12);
-        // What is on top of the anomaly in estimate and truth alike is no signal.
+        // A part added to the anomaly in estimate and truth alike is no signal.
         let ramp = |x: &[f64]| x.iter().enumerate().map(|(k, x)| x + 50.0 * k as f64).collect::<Vec<f64>>();
         assert!((signal_to_noise(&ramp(&estimate), &ramp(&x), &x).value - 4.0).abs() < 1e-9);
         let mut gap = quieter.clone();

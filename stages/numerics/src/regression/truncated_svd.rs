@@ -1,9 +1,9 @@
 //! Regression on the principal components of the terms: directions that the flight barely excites
 //! are omitted, where ridge only shrinks them.
 //!
-//! Of the singular value decomposition R = U S Vᵀ of the (scaled) factor, b = Σᵢ vᵢ (uᵢᵀ z)/sᵢ over
-//! the k largest singular values. [Hansen 1987, "The truncated SVD as a method for regularization",
-//! BIT 27; principal component analysis of the Tolles-Lawson terms: thesis 000 section 3.5, ref. 58]
+//! With the singular value decomposition R = U S Vᵀ of the (scaled) factor, b = Σᵢ vᵢ (uᵢᵀ z)/sᵢ over the k largest
+//! singular values. [Hansen 1987, "The truncated SVD as a method for regularization", BIT 27; principal component
+//! analysis of the Tolles-Lawson terms: Gnadt 2022, section 3.5, ref. 58]
 
 use crate::regression::least_squares::{
     LeastSquaresError, LineScore, LineScores, LinearFit, Moments, Prepared, leave_line_out, setting,

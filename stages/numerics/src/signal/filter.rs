@@ -206,8 +206,8 @@ impl ZeroPhase {
 
     /// Filters each column of a row-major matrix (`values.len() / columns` rows) in place.
     ///
-    /// Each column's result is bit-identical whatever the other columns are. On an error the
-    /// contents of the matrix are unspecified.
+    /// Each column's result is bit-identical for any other columns. On an error the contents of the matrix are
+    /// unspecified.
     ///
     /// # Errors
     /// Fails with [`FilterError::Shape`] for no columns or values that are not a whole number of rows, with

@@ -18,7 +18,7 @@ mod fit;
 
 pub use fit::{FitBy, FitError, fit};
 
-/// Means are taken over about this many seconds; faster noise is estimated from the steps between samples.
+/// Approximate length of the blocks that are averaged, s. Faster noise is estimated from the steps between samples.
 const BLOCK_S: f64 = 1.0;
 /// Independent differences that the Allan variance of a span needs at least.
 const LEAST_PAIRS: f64 = 3.0;

@@ -152,7 +152,7 @@ impl<'a> Plan<'a> {
     fn placed(tt: &'a [f64], grid: Vec<f64>, rate_hz: f64, max_gap_s: f64) -> Self {
         let rounding = rounding(largest(tt));
         let snap_s = (SNAP / rate_hz).max(rounding);
-        // A gap of exactly the longest one is bridged whatever the rounding of its times.
+        // A gap of exactly the longest one is bridged despite the rounding of its times.
         let max_gap_s = max_gap_s + 2.0 * rounding;
         let places = places(tt, &grid, max_gap_s, snap_s);
         Self { tt, grid, places, max_gap_s, snap_s }

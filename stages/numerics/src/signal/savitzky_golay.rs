@@ -35,7 +35,7 @@ const MOST_DEGREE: usize = 8;
 /// The weights of a window's samples at each place in it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SavitzkyGolay {
-    /// Of the place 0 to 2 half, counted from the window's first sample.
+    /// Weights for the places 0 to 2 half, counted from the window's first sample.
     weights: Vec<Vec<f64>>,
     half: usize,
     derivative: usize,

@@ -1,11 +1,11 @@
 //! Spikes: samples that do not belong to the signal around them.
 //!
-//! Both searches work on one run of finite samples and say which of them are spikes; what becomes of those is up to the
-//! caller. Their noise is a robust figure, 1.4826 times the median absolute deviation, and at least one step of the
-//! quantisation (the smallest difference between neighbours that is more than rounding), so that the last digit of a quiet
-//! sensor is not a spike. Where more than half of a run deviates by no more than rounding, since it is held, interpolated or
-//! coarser than its noise, the median is that of the other samples: the steps and corners of such a column are not spikes, and
-//! what stands out of them is. A run that is constant but for its spikes has nothing to tell them by: none are found.
+//! Both searches work on one run of finite samples and return a flag per sample; the caller decides on the spikes.
+//! Their noise is a robust figure, 1.4826 times the median absolute deviation, and at least one step of the
+//! quantisation. That step is the smallest difference between neighbours that is more than rounding. The last digit of
+//! a quiet sensor is thus not a spike. A held, interpolated or coarse column may deviate by no more than rounding in
+//! more than half of a run. Its median is then that of the other samples: steps and corners of such a column are not
+//! spikes, and larger values are. A run that is constant except for its spikes gives no noise: none are found.
 
 use crate::regression::statistics::median;
 
@@ -15,8 +15,8 @@ const SIGMA_OF_MAD: f64 = 1.482_602_218_505_602;
 /// The variance of the fourth difference of white noise of variance 1: 1 + 16 + 36 + 16 + 1.
 const FOURTH_DIFFERENCE_GAIN: f64 = 70.0;
 
-/// What rounding to double precision makes of a fourth difference at most, for values of size 1: its coefficients, regardless of
-/// sign, add up to 16.
+/// Upper bound of the rounding error of a fourth difference in double precision, for values of size 1. The magnitudes
+/// of its coefficients add up to 16.
 const ROUNDING: f64 = 16.0 * f64::EPSILON;
 
 /// Passes after which the fourth difference gives up to find more.
@@ -52,11 +52,11 @@ pub fn hampel(x: &[f64], half: usize, threshold: f64) -> Vec<bool> {
 /// The single samples of `x` at which the fourth difference, over √70 in the unit of `x`, is more than `threshold` times
 /// the noise that it shows, and greater than at the two samples to either side.
 ///
-/// A single sample that is off by `a` has 6 a/√70 = 0.72 a there; a smooth signal has next to nothing. A sample found is
-/// set on the cubic through its neighbours, and the search goes on until there is none. Two neighbouring samples that
-/// are off together are not told from their neighbours: use [`hampel`]. `x` is finite and evenly sampled; the first and
-/// last two samples are not judged. One entry a sample. [Reeves 1993, "Practical aeromagnetic surveys", on the fourth
-/// difference as a measure of noise]
+/// A single sample that is off by `a` has 6 a/√70 = 0.72 a there; a smooth signal has next to nothing. A detected
+/// sample is set on the cubic through its neighbours, and the search repeats until there is none. Two neighbouring
+/// samples that are off together cannot be distinguished from their neighbours: use [`hampel`]. `x` is finite and
+/// evenly sampled; the first and last two samples are not judged. One entry a sample. [Reeves 1993, "Practical
+/// aeromagnetic surveys", on the fourth difference as a measure of noise]
 pub fn fourth_difference(x: &[f64], threshold: f64) -> Vec<bool> {
     let mut found = vec![false; x.len()];
     if x.len() < 5 {
@@ -64,7 +64,7 @@ pub fn fourth_difference(x: &[f64], threshold: f64) -> Vec<bool> {
     }
     let mut x = x.to_vec();
     let mut sizes = fourth_differences(&x);
-    // A corner is also in the differences beside it: its own is the greatest.
+    // A corner also appears in the adjacent differences: its own is the greatest.
     let least = noise_of_run(&x, &sizes, |i| is_peak(&sizes, i));
     for _ in 0..MOST_PASSES {
         let above = |i: &usize| sizes[*i] > threshold * least && is_peak(&sizes, *i);
@@ -94,7 +94,7 @@ fn is_peak(sizes: &[f64], i: usize) -> bool {
 
 /// The noise that the deviations of a run show, of those of which `counts` is true where most are rounding.
 fn noise_of_run(x: &[f64], sizes: &[f64], counts: impl Fn(usize) -> bool) -> f64 {
-    // Of most values, not of the greatest, which may be a spike.
+    // The median represents most values; the greatest may be a spike.
     let rounding = ROUNDING * median(&mut x.iter().map(|x| x.abs()).collect::<Vec<_>>());
     let steps = x.windows(2).map(|pair| (pair[1] - pair[0]).abs()).filter(|step| *step > rounding);
     let quantisation = steps.min_by(f64::total_cmp).unwrap_or(rounding);

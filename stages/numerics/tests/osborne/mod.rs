@@ -70,7 +70,7 @@ impl Line {
         InsSeries::of(self.columns.each_ref().map(Vec::as_slice))
     }
 
-    /// What an INS with these errors reports of this line: truth minus error.
+    /// Output of an INS with these errors on this line: truth minus error.
     pub fn with_errors(&self, errors: &[[f64; STATES]]) -> Self {
         let mut ins = self.clone();
         for (row, error) in errors.iter().enumerate() {

@@ -75,7 +75,8 @@ impl Core {
 
     /// Training job of the network.
     ///
-    /// # Errors The same as [`Job::new`] and [`Job::windowed`].
+    /// # Errors
+    /// The same as [`Job::new`] and [`Job::windowed`].
     pub fn job<'a>(
         &'a self,
         start: State,

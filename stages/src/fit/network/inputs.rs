@@ -28,7 +28,8 @@ pub type SharedInputs = Result<Arc<NetworkInputs>, Fault>;
 impl NetworkInputs {
     /// Inputs of a network, with the scales of its warm start if it has one.
     ///
-    /// # Errors If the keys select no input, every input is constant, `whiten` requests too many components, or the
+    /// # Errors
+    /// If the keys select no input, every input is constant, `whiten` requests too many components, or the
     /// warm start has other inputs.
     pub fn of(keys: &Network, samples: &Samples, whiten: Option<f64>, warm: Option<&WarmStart>) -> SharedInputs {
         let lines = samples.split(&keys.validation)?;
@@ -49,7 +50,8 @@ impl NetworkInputs {
 /// Scaling of the inputs. Inputs that are constant on the training lines are removed from `at` and returned. The last
 /// item holds the rows from which the scaling is computed, row-major.
 ///
-/// # Errors If every input is constant, or `whiten` requests too many components.
+/// # Errors
+/// If every input is constant, or `whiten` requests too many components.
 pub fn scaling(
     samples: &Samples,
     lines: &[usize],

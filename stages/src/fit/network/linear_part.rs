@@ -35,7 +35,8 @@ const TOLLES_LAWSON: [&str; 22] = [
 impl LinearPart {
     /// Positions of the terms.
     ///
-    /// # Errors If an entry is missing, or no term remains.
+    /// # Errors
+    /// If an entry is missing, or no term remains.
     pub fn places(&self, samples: &Samples, all: bool) -> Result<Vec<usize>, Fault> {
         if self.linear.is_some() || all {
             return samples.places(self.linear.as_ref()).map_err(|f| f.of_param("linear"));
@@ -60,7 +61,8 @@ impl LinearPart {
 
     /// Coefficients of the terms at `places`, fitted to `lines`.
     ///
-    /// # Errors If no run is long enough for the filter, or the data do not determine the coefficients.
+    /// # Errors
+    /// If no run is long enough for the filter, or the data do not determine the coefficients.
     pub fn fit(&self, samples: &Samples, lines: &[usize], places: &[usize]) -> Result<Vec<f64>, Fault> {
         let (width, terms) = (samples.names.len(), places.len());
         let mut moments = vec![];

@@ -48,7 +48,8 @@ pub struct Ready<'a> {
 }
 
 impl<'a> Ready<'a> {
-    /// # Errors The same as [`WarmStart::of`] and [`NetworkInputs::of`].
+    /// # Errors
+    /// The same as [`WarmStart::of`] and [`NetworkInputs::of`].
     pub fn of(task: &'a Task<'a>, samples: &Samples) -> Result<Self, Fault> {
         let warm = task.start.map(|model| WarmStart::of(model, task.model.form)).transpose()?;
         let inputs = match task.inputs.filter(|_| warm.is_none()) {
@@ -102,7 +103,8 @@ pub struct Prepared<'a> {
 }
 
 impl<'a> Prepared<'a> {
-    /// # Errors If the data do not determine the network, or the warm start does not match.
+    /// # Errors
+    /// If the data do not determine the network, or the warm start does not match.
     pub fn of(ready: &'a Ready<'a>, samples: &Samples) -> Result<Self, Fault> {
         let Ready { task, warm, inputs } = ready;
         let Task { model, settings, .. } = task;
@@ -165,7 +167,8 @@ impl<'a> Prepared<'a> {
 
     /// Model after the training of its members.
     ///
-    /// # Errors If its parameters do not match its shape, or the samples of a network over a window have no rate.
+    /// # Errors
+    /// If its parameters do not match its shape, or the samples of a network over a window have no rate.
     pub fn learnt(self, samples: &Samples, trained: &[Trained]) -> Result<Learnt, Fault> {
         let names = |at: &[usize]| at.iter().map(|&i| samples.names[i].clone()).collect::<Vec<_>>();
         let parameters = trained.iter().map(|t| self.core.original(&self.terms, &t.parameters)).collect();

@@ -16,7 +16,8 @@ const KEPT_EVERY_S: f64 = 1.0;
 
 /// Trains networks, which share passes over the samples where possible. The results are the same as when trained alone.
 ///
-/// # Errors A network has a fault instead of a model if the data do not determine it, its loss is not finite, or the
+/// # Errors
+/// A network has a fault instead of a model if the data do not determine it, its loss is not finite, or the
 /// run is interrupted.
 pub fn learn_together(tasks: &[Task<'_>], samples: &Samples) -> Vec<Result<Learnt, Fault>> {
     let ready: Vec<Result<Ready<'_>, Fault>> = tasks.iter().map(|task| Ready::of(task, samples)).collect();

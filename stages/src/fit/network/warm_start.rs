@@ -28,7 +28,8 @@ pub struct WarmStart<'a> {
 impl<'a> WarmStart<'a> {
     /// Warm start from a model, for a network of a form.
     ///
-    /// # Errors If the model is not a network, or has another form.
+    /// # Errors
+    /// If the model is not a network, or has another form.
     pub fn of(model: &'a Learned, form: Form) -> Result<Self, Fault> {
         let none = || {
             let fault = Fault::data("the model of `warm_start` is not a network").of_param("warm_start");
@@ -65,7 +66,8 @@ impl<'a> WarmStart<'a> {
 
     /// Scaling of its inputs. Sorts `at` into their order.
     ///
-    /// # Errors If it has other inputs, or another number of principal components than `whiten` requests.
+    /// # Errors
+    /// If it has other inputs, or another number of principal components than `whiten` requests.
     pub fn scaling(&self, samples: &Samples, at: &mut Vec<usize>, whiten: Option<f64>) -> Result<Inputs, Fault> {
         self.order("inputs", self.parts.inputs, samples, at)?;
         let own = self.parts.scaling.components.as_ref().map(|components| components.count);
@@ -87,7 +89,8 @@ impl<'a> WarmStart<'a> {
 
     /// Sorts the positions of the linear terms into its order.
     ///
-    /// # Errors If it has other terms.
+    /// # Errors
+    /// If it has other terms.
     pub fn order_terms(&self, samples: &Samples, at: &mut Vec<usize>) -> Result<(), Fault> {
         self.order("linear", self.parts.linear, samples, at)
     }
@@ -113,7 +116,8 @@ impl<'a> WarmStart<'a> {
 
     /// Checks that it is a network of the same kind as `core`, for this fit.
     ///
-    /// # Errors The first difference.
+    /// # Errors
+    /// The first difference.
     pub fn check(&self, keys: &Network, core: &Core, samples: &Samples) -> Result<(), Fault> {
         let other = |key: &str, own: &dyn std::fmt::Display, here: &dyn std::fmt::Display| {
             Err(self.fault(&format!("has `{key}` {own}, but this fit has {here}")))

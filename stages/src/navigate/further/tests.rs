@@ -180,7 +180,7 @@ fn law_particles_hold_the_position_by_the_difference_alone() {
 fn law_over_a_map_that_is_too_flat_the_other_tracks_are_the_ins() {
     let ins = run("ins_only", "");
     for (filter, own, _) in OTHERS.iter().filter(|(filter, ..)| *filter != "crlb" && *filter != "mpf") {
-        // What is too flat depends on the noise, which `ekf_adaptive` learns.
+        // The flatness limit depends on the noise, which `ekf_adaptive` learns.
         let own = if *filter == "ekf_adaptive" { "sigma_min_nt = 1.5\nsigma_max_nt = 1.5" } else { own };
         let run_with = |flat: &str| run(filter, &format!("mag = 'mag_2_c'\nflat_over_m = {flat}\n{own}"));
         let flat = run_with("1.0");

@@ -20,7 +20,7 @@ const HIDDEN: usize = 8;
 const BATCH: usize = 2048;
 const EPOCHS: usize = 5;
 
-/// What a framework is given.
+/// Input of a framework.
 struct Work {
     /// Inputs, row-major.
     x: Vec<f64>,
@@ -33,7 +33,7 @@ struct Work {
     orders: Vec<Vec<u32>>,
 }
 
-/// What a framework gives back after each epoch: the mean loss over its batches.
+/// Callback after each epoch with the mean loss over its batches.
 type Each<'a> = &'a mut dyn FnMut(f64);
 
 fn main() -> Result<(), Failure> {
@@ -96,7 +96,7 @@ fn magline(said: &str, threads: usize) -> Result<[f64; 2], Failure> {
     found.ok_or_else(|| format!("the bench of magline printed {said}").into())
 }
 
-/// What a case printed.
+/// Printed output of a case.
 struct Told {
     clock_ms: f64,
     processors_ms: f64,

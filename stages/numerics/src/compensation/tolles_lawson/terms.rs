@@ -13,7 +13,7 @@ const NAMES: [&str; COLUMNS] = [
     "zx_dot", "zy_dot", "zz_dot", "x_dot", "y_dot", "z_dot", "bias",
 ];
 
-/// What a group of terms stands for; a matrix contains at most one group of each family.
+/// Physical cause of a group of terms. A matrix contains at most one group of each family.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Family {
     /// The aircraft's permanent magnetisation.
@@ -78,7 +78,7 @@ pub(super) fn names_of_groups() -> String {
     names.join(", ")
 }
 
-/// The terms of a matrix: groups in the order of the table, whatever the order of the request.
+/// Terms of a matrix. Groups are in the order of the table, not of the request.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Terms {
     groups: Vec<&'static TermGroup>,

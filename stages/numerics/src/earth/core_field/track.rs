@@ -193,8 +193,8 @@ impl pulp::NullaryFnOnce for Sums<'_> {
     }
 }
 
-/// The recursion of [`Recursion::harmonics`], degree by degree; what a degree gives is added at once, so that no more
-/// than three degrees are kept. The order of operations is that of the source whatever the register's width.
+/// The recursion of [`Recursion::harmonics`], degree by degree. Each degree's part is added at once, so that at most
+/// three degrees are kept. The order of operations is that of the source for every width of the register.
 #[inline(always)]
 fn summed(recursion: &Recursion, table: &Table, position_m: &[Lanes; 3]) -> [Lanes; 6] {
     const WIDTH: usize = DEGREE + 1;

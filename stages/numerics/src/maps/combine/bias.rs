@@ -231,7 +231,7 @@ impl<const TERMS: usize> Network<TERMS> {
 /// The first map of the group of maps that each one is connected to.
 fn groups(maps: usize, pairs: &[Pair]) -> Vec<usize> {
     let mut group: Vec<usize> = (0..maps).collect();
-    // As many rounds as there are maps reach the end of any chain.
+    // One round per map reaches the end of any chain.
     for _ in 0..maps {
         for pair in pairs {
             let least = group[pair.first].min(group[pair.second]);

@@ -9,7 +9,7 @@ use crate::regression::l_curve::log_curvature;
 
 /// Rings of wavenumbers, narrow enough for the factor to be constant over one.
 const RINGS: usize = 4096;
-/// The number of blocks in which the rows are summed, whatever the number of threads.
+/// Number of blocks in which the rows are summed, independent of the number of threads.
 const PARTS: usize = 16;
 /// Points of the curve.
 const POINTS: usize = 241;

@@ -48,10 +48,10 @@ pub struct SmoothReport {
 /// Gives the unknown nodes the values of a smooth surface through the known ones; those do not change. The border of
 /// the map is free: the surface meets it at a right angle.
 ///
-/// Conjugate gradients with a multigrid cycle as preconditioner: some fifteen iterations for a harmonic surface,
-/// whatever the width of the gap; for one of minimum curvature in proportion to the width of the gap, some 60 for 80
-/// nodes and 1000 for 600, so that this is for gaps of some hundred nodes. Takes some 70 bytes a node of the rectangle
-/// that holds the gaps. The same bits on any number of threads.
+/// Conjugate gradients with a multigrid cycle as preconditioner. A harmonic surface needs some fifteen iterations for
+/// any width of the gap. For minimum curvature the number grows with the width of the gap: some 60 for 80 nodes and
+/// 1000 for 600. It is therefore meant for gaps of some hundred nodes. Takes some 70 bytes a node of the rectangle that
+/// holds the gaps. The same bits on any number of threads.
 ///
 /// # Errors
 /// Fails where the map is not well formed or has no known node, a parameter is out of its range, or the tolerance is

@@ -51,8 +51,8 @@ fn headings(points: SurveyPoints) -> BTreeMap<usize, [f64; 2]> {
     points.runs().into_iter().map(of).collect()
 }
 
-/// Block side for lines `spacing_m` apart: a quarter, and at most 200 m. Measurements a hundred or a few hundred
-/// metres above their sources change over such distances whatever the distance to the next line.
+/// Block side for lines `spacing_m` apart: a quarter, and at most 200 m. Measurements a hundred or a few hundred metres
+/// above their sources change over such distances at any line spacing.
 pub fn block_m(spacing_m: f64) -> f64 {
     (0.25 * spacing_m).min(200.0)
 }

@@ -1,9 +1,9 @@
 //! Sums over all sources at all targets in far fewer evaluations than pairs.
 //!
-//! Boxes that are far from each other compared with their size act on each other through Chebyshev points: sources
-//! are spread onto those of their box, the kernel is evaluated between the points of the two boxes, and the sum is
+//! Boxes that are far from each other compared with their size act on each other through Chebyshev points. Sources are
+//! spread onto those of their box, and the kernel is evaluated between the points of the two boxes. The sum is
 //! interpolated to the targets. [Wang, Tlupova & Krasny 2020, "A kernel-independent treecode based on barycentric
-//! Lagrange interpolation"] Every sum is taken in one order whatever the number of threads.
+//! Lagrange interpolation"] Every sum is taken in the same order on any number of threads.
 
 use super::clusters::{Cluster, Clusters, PROXIES, Positions};
 use super::kernel::{Sources, add_gradients, add_values};

@@ -16,8 +16,8 @@ const FAR: f64 = 4.0;
 pub struct CrossoverNoise {
     /// Standard deviation of a difference where the field is flat, nT.
     pub sigma_nt: f64,
-    /// The distance that stands for errors of position, height and timing, m: the standard deviation of a difference
-    /// grows by it times the horizontal gradient.
+    /// Distance that represents errors of position, height and timing, m. The standard deviation of a difference grows
+    /// by it times the horizontal gradient.
     pub position_m: f64,
 }
 

@@ -56,7 +56,8 @@ fn law_known_offsets_are_recovered() {
     let options = LevelOptions { gauge: Gauge::TiesHeld, ridge: 1e-9, ..LevelOptions::default() };
     let levelled = level_lines(points.borrow(), &found, &options);
     for line in &levelled.lines {
-        // What is known of how lines scatter pulls by the square of 0.01 nT over that of 5 nT, and over 4 crossovers.
+        // The prior of the scatter of lines shifts this by the square of 0.01 nT over that of 5 nT, and over 4
+        // crossovers.
         assert!((line.coefficients_nt[0] - offset(line.line)).abs() < 1e-4, "{line:?}");
         assert_eq!((line.tie, line.crossovers), (line.line >= 100, if line.line < 100 { 4 } else { 10 }));
     }
@@ -83,7 +84,7 @@ fn law_drifts_along_lines_need_the_first_order() {
     };
     assert!(after(0).0 > 0.5);
     let (left, coefficients) = after(1);
-    // What is known of how lines scatter pulls a little, as above.
+    // The prior of the scatter of lines shifts these a little, as above.
     assert!(left < 1e-3);
     assert!((coefficients[0] - offset(4)).abs() < 1e-3 && (coefficients[1] - 0.5 * offset(4)).abs() < 1e-3);
 }

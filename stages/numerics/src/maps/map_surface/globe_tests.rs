@@ -32,7 +32,7 @@ fn law_the_seam_is_as_good_as_any_other_place() {
                     assert!(error.is_some_and(|e| e < most), "{west} {columns} {kind:?} {lon}: {error:?}");
                 }
             }
-            // Of splines, value and slope pass over the seam without a step.
+            // With splines, value and slope are continuous across the seam.
             if kind != Interpolation::Linear {
                 let (left, right) = (map.at(11.3, west - 1e-6).unwrap(), map.at(11.3, west + 1e-6).unwrap());
                 assert!((left.d_lon_nt_per_rad - right.d_lon_nt_per_rad).abs() < 1e-3, "{left:?} {right:?}");

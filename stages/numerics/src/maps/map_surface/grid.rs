@@ -246,7 +246,7 @@ impl Axis {
         Some((cell, (steps - cell as f64).clamp(0.0, 1.0)))
     }
 
-    /// As `locate`, a full turn away if necessary.
+    /// The same as `locate`, after a full turn if necessary.
     #[inline(always)]
     pub(super) fn locate_turning(&self, deg: f64) -> Option<(usize, f64)> {
         let round_deg = self.round_deg;

@@ -230,7 +230,7 @@ fn law_a_magnetometer_that_fails_loses_its_weight() {
     assert!(trusting.drms_m() > 1.2 * alone.drms_m());
 }
 
-/// Of windows of 10 and 50 without bounds to speak of: the mean of R/R̂, and how good the filter is.
+/// Mean of R/R̂ and quality of the filter, for windows of 10 and 50 with wide bounds.
 fn by_windows(form: AdaptiveForm) -> ([f64; 2], [Tally; 2]) {
     let windows = [10, 50];
     let (mut weights, mut tallies) = ([0.0; 2], [Tally::default(); 2]);
@@ -263,8 +263,8 @@ fn by_windows(form: AdaptiveForm) -> ([f64; 2], [Tally; 2]) {
 #[test]
 fn law_a_short_window_without_bounds_believes_too_much_but_by_what_corrections_leave() {
     let (weights, tallies) = by_windows(AdaptiveForm::Matched);
-    // Of 50 the mean of 1/χ² is 50/48, to which H P Hᵀ of a few nT² adds; 8 flights have 370 independent windows, whose
-    // variance is 4 % each. Of 10 it is 10/8 before anything is added.
+    // For a window of 50 the mean of 1/χ² is 50/48, to which H P Hᵀ of a few nT² adds. 8 flights have 370 independent
+    // windows, whose variance is 4 % each. For a window of 10 the mean is 10/8 before anything is added.
     assert!((1.0..1.12).contains(&weights[1]) && weights[0] > 1.25, "{weights:?}");
     assert!(tallies[0].mean_nees() > 2.0 * tallies[1].mean_nees());
     // Nothing is taken off here: 10/8 is all of it.
@@ -324,7 +324,7 @@ fn law_process_noise_is_learnt_without_running_away() {
     for (name, tally) in [("fixed", fixed), ("q", q), ("both", both)] {
         println!("{name}: DRMS {:.1} m, NEES {:.2}", tally.drms_m(), tally.mean_nees());
     }
-    // Of the same draws. The innovations tell of the drift only once it is as large as the noise.
+    // The draws are the same. The innovations reveal the drift only once it is as large as the noise.
     assert!(q.drms_m() < fixed.drms_m() && q.mean_nees() < 0.9 * fixed.mean_nees());
     assert!(both.drms_m() < fixed.drms_m() && both.mean_nees() < 0.9 * fixed.mean_nees());
 }
@@ -408,7 +408,7 @@ fn law_the_window_holds_the_sum_of_the_last_numbers() {
             window.push(*number);
             let held = &numbers[(at + 1).saturating_sub(capacity)..=at];
             let (expected, size) = (held.iter().sum::<f64>(), held.iter().map(|x| x.abs()).sum::<f64>());
-            // What has left the window leaves no rounding behind, however large it was.
+            // Removed numbers of any size leave no rounding error in the window.
             assert!((window.sum() - expected).abs() <= 1e-15 * size && window.len() == held.len(), "{capacity} {at}");
         }
     }

@@ -92,7 +92,7 @@ fn bowl(north: f64, east: f64) -> f64 {
     0.03 * north + 2e-5 * north * north - 1.5e-5 * east * east + 1e-5 * north * east
 }
 
-/// What the further measurements read.
+/// Readings of the further measurements.
 struct Read {
     difference_nt: Vec<f64>,
     field_nt: [Vec<f64>; 3],
@@ -342,7 +342,7 @@ fn law_each_measurement_is_left_out_by_itself() {
         assert!(found.usage.iter().all(|usage| *usage == Usage::Used), "{:?}", found.usage);
         assert_eq!(found.navigation.report.updates, ROWS);
         assert_eq!(found.navigation.nis[25], found.aids.difference.nis[25]);
-        // A spike is gated by itself.
+        // The gate rejects only the spike.
         let mut spiked = read.difference_nt.clone();
         spiked[12] += 1e4;
         let mut with_spike = aids(&read);

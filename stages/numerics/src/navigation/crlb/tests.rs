@@ -165,7 +165,7 @@ fn law_the_estimate_is_the_truth_and_the_residual_is_of_it() {
         if [4, 5, 9].contains(&row) {
             assert!(output.residual_nt[row].is_nan() && output.nis[row].is_nan() && output.sd_n_m[row].is_finite());
         } else {
-            // What the measurement holds beside the map at the truth; 2 m in a slope of 4e5 nT/rad round to 1e-10 nT.
+            // Measurement minus the map at the truth. 2 m in a slope of 4e5 nT/rad round to 1e-10 nT.
             let expected = 0.5 * (row as f64).sin();
             assert!((output.residual_nt[row] - expected).abs() < 1e-9, "{row}");
             assert!((output.nis[row] - expected * expected / 18.0).abs() < 1e-9);

@@ -57,7 +57,7 @@ fn bits(output: &NavigationOutput) -> Vec<u64> {
     columns.into_iter().flatten().chain(x).chain(p).map(|value| value.to_bits()).collect()
 }
 
-/// What of a point is not the line.
+/// Inputs of a point other than the line.
 struct Owned {
     parameters: EkfParameters,
     measurement_nt: Vec<f64>,

@@ -44,7 +44,7 @@ fn law_healthy_fixes_pass() {
         assert_eq!(found.alarms, [0; 0], "seed {seed}");
         rejected += rows(&found.rejected).len();
     }
-    // Of 18,000 pairs and heights one is beyond 1e-6 with 1 % probability, heights included.
+    // Among 18,000 pairs and heights one is beyond 1e-6 with 1 % probability, heights included.
     assert!(rejected <= 2, "{rejected}");
 }
 

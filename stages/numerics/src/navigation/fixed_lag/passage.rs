@@ -271,7 +271,7 @@ impl<'a> Passage<'a> {
                 Usage::OffMap => report.off_map += 1,
             }
             self.output.usage.push(usage);
-            // What is averaged has its innovation at the first sample.
+            // An averaged measurement has its innovation at the first sample.
             let of_row = if row == rows.start { further } else { SampleInnovations::default() };
             self.output.aids.push(self.aids, &of_row);
             self.output.slope_nt_per_m.push(slope_nt_per_m);

@@ -188,7 +188,7 @@ impl<'a> Window<'a> {
                 std::mem::swap(&mut self.about, &mut self.trial_about);
                 before = after;
             } else {
-                // What is off the map or on it may have changed with the path.
+                // The set of samples on the map may have changed with the path.
                 before = self.cost(&self.path, &self.about, &self.about);
             }
         }

@@ -110,7 +110,7 @@ fn law_one_update_is_the_most_probable_state() {
     }
 }
 
-/// The map of a scene so many metres north of its first sample.
+/// Map value at `north_m` metres north of a scene's first sample.
 fn north_of(scene: &Scene, north_m: f64) -> f64 {
     let lat_deg = scene.columns[1][0] + north_m / m_per_deg().0;
     scene.map.at(lat_deg, scene.columns[2][0], 500.0).unwrap().value_nt

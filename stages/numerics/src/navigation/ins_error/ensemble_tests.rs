@@ -239,8 +239,8 @@ fn start_error(size: f64) -> StateVector {
     e.map(|e| e * size)
 }
 
-/// What errors are after five minutes, by the error model and mechanised, in the same units: metres,
-/// and what makes a metre in five minutes.
+/// Errors after five minutes, by the error model and mechanised, in the same units: metres, and the errors that cause a
+/// metre in five minutes.
 fn both_after(flight: &Flight, size: f64) -> (SVector<f64, 9>, SVector<f64, 9>) {
     let quiet = InsErrorModel {
         sources: InsErrors {
@@ -273,7 +273,8 @@ fn law_the_mechanisation_is_the_error_model_for_small_errors_and_parts_from_it_a
     let sizes = [1.0, 0.5, 0.25, 0.01].map(relative);
     let squares = even(1.0).norm() / even(0.5).norm();
     println!("apart by {sizes:?} of their size; what does not change sign: {squares:.3} times at twice the size");
-    // What is left at a hundredth is the error model's step, which holds the attitude of its beginning for 0.02 s.
+    // The remaining error at a hundredth is the error model's step, which holds the attitude of its beginning for 0.02
+    // s.
     assert!(sizes[3] < 2e-4, "{}", sizes[3]);
     for pair in sizes[..3].windows(2) {
         let quadratic = (pair[0] - sizes[3]) / (pair[1] - sizes[3]);

@@ -204,7 +204,7 @@ mod tests {
             let off_m = |column: usize, of: usize| {
                 (ins[column][row] + corrections[of][row] - columns[column][row]).abs() * 111_000.0
             };
-            // Of errors of up to 1 km the linear model is right to some centimetres.
+            // For errors of up to 1 km the linear model is right to some centimetres.
             assert!(off_m(1, 0) < 0.5 && off_m(2, 1) < 0.5, "{row}: {} {}", off_m(1, 0), off_m(2, 1));
         }
         let p = fix.covariance(&model);

@@ -53,7 +53,7 @@ fn unit_a_given_parameter_stays_and_correlated_noise_is_inflated() {
     let clean = flight.measured(0, 1e-9);
     let mut normals = Normals::new(8);
     let mut slow = 0.0;
-    // Noise that lasts for 12 s beside a process that is given as slow and small.
+    // The noise has a correlation time of 12 s, while the given process is slow and small.
     let lasting = clean.iter().map(|nt| {
         slow = 0.92 * slow + (1.0_f64 - 0.92 * 0.92).sqrt() * 8.0 * normals.draw();
         nt + slow

@@ -34,7 +34,7 @@ fn ref_normal_gravity() {
 fn law_normal_gravity_falls_with_height_as_newton_says() {
     const H: f64 = 50_000.0;
     let [low, middle, high] = [0.0, H, 2.0 * H].map(|alt_m| normal_gravity_mps2(0.8, alt_m));
-    // Of g R²/(R + h)²: -2 g/R and 6 g/R²; the flattening and the rotation are 1 % of each.
+    // Derivatives of g R²/(R + h)²: -2 g/R and 6 g/R². The flattening and the rotation are 1 % of each.
     assert!((-(high - low) / (2.0 * H) / (2.0 * middle / R) - 1.0).abs() < 0.02);
     assert!(((low - 2.0 * middle + high) / (H * H) / (6.0 * middle / (R * R)) - 1.0).abs() < 0.03);
 }
@@ -181,7 +181,7 @@ fn law_the_readings_of_a_motion_are_the_integrals_of_its_rate_and_force() {
     };
     let (coarse, fine) = (worst(0.1), worst(0.05));
     println!("{coarse:?} {fine:?} rad/s, m/s²");
-    // What the corrections leave is of third order.
+    // The error after the corrections is of third order.
     assert!(coarse[0] / fine[0] > 7.0 && coarse[1] / fine[1] > 7.0, "{coarse:?} {fine:?}");
     assert!(fine[0] < 1e-6 && fine[1] < 5e-5, "{fine:?}");
 }
@@ -265,7 +265,7 @@ fn ref_the_schuler_period_on_the_real_earth_is_84_4_minutes() {
     let periods = (0..200).map(|k| 80.0 + 0.05 * f64::from(k));
     let best = periods.min_by(|a, b| misfit(*a).total_cmp(&misfit(*b))).unwrap_or_default();
     println!("period {best:.2} min, misfit {:.4}", misfit(best));
-    // What the rotation adds beyond Foucault's turn is (Ω/ωs)², 0.35 % of the period.
+    // Beyond Foucault's turn, the rotation adds (Ω/ωs)², 0.35 % of the period.
     assert!((best - 84.4).abs() < 0.3 && misfit(best) < 0.02, "{best} {}", misfit(best));
 }
 

@@ -78,7 +78,7 @@ pub(super) fn condition_on_position<const N: usize>(p: &mut Square<N>) -> Spread
             }
             correct(p, &[(state, 1.0)], 0.0);
         }
-        // What is left of its row and column is rounding, or belongs to a state without variance.
+        // The remaining row and column hold rounding errors, or belong to a state without variance.
         clear(p, state);
     }
     spread

@@ -154,7 +154,7 @@ impl<'a, const N: usize> Filter<'a, N> {
             if !outcome.innovation().nis.is_nan() {
                 further.note(aid, outcome.innovation());
             }
-            // What becomes of a height says nothing of the map.
+            // The outcome of a height carries no information about the map.
             if aid != Aid::Height {
                 outcomes.push(outcome);
             }

@@ -462,7 +462,7 @@ fn law_uneven_time_and_a_single_sample() {
 }
 
 impl Scene {
-    /// The first rows only, of whatever columns there are.
+    /// Runs the filter on the first rows of all columns.
     fn run_first(mut self, rows: usize) -> MpfOutput {
         self.columns
             .iter_mut()

@@ -43,7 +43,7 @@ pub struct LineModel<'a> {
     /// Measurements besides the magnetometers, each used after them. Where the map is too flat, a magnetometer corrects
     /// only the temporal variation, the map error and the aircraft field.
     pub aids: Aids<'a>,
-    /// As [`NavigationLine::second_order`].
+    /// The same as [`NavigationLine::second_order`].
     pub second_order: bool,
 }
 

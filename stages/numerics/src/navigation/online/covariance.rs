@@ -94,7 +94,7 @@ impl Covariance {
     /// Whether the variances are finite and not negative.
     #[inline(always)]
     pub(crate) fn is_sound(&self) -> bool {
-        // A sum is finite where all its parts are; an entry beside the diagonal that is not spoils two variances in the
+        // A sum is finite where all its parts are. An off-diagonal entry that is not finite spoils two variances in the
         // next step.
         let sum: f64 = (0..self.states).map(|state| self.at(state, state)).sum();
         let least = (0..self.states).map(|state| self.at(state, state)).fold(0.0, f64::min);

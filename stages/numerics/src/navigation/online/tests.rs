@@ -194,7 +194,7 @@ fn law_the_bias_of_the_vector_is_found() {
     let map = wavy(-74.88);
     let mut flight = Flight::turning(&map, 2);
     let mut vector = Vector::new(&flight, &["permanent", "induced"]);
-    // What is read is the truth less the bias.
+    // The readings are the truth less the bias.
     let bias = [80.0, -60.0, 40.0];
     let truth = matrix(&vector.field(), &vector.terms, DEFAULT_SCALE_NT).unwrap();
     for (column, bias) in vector.columns.iter_mut().zip(bias) {

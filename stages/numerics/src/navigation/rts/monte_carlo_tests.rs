@@ -180,6 +180,6 @@ fn law_a_large_initial_error_is_found_whatever_the_loss() {
         }
     }
     println!("worst flight: none, Huber, Cauchy, filter {worst:.1?} m");
-    // As good as from 3 m, where the worst of these is 20 m: the map tells the rest.
+    // The result is as good as from 3 m, where the worst of these is 20 m. The map supplies the other information.
     assert!(worst[..3].iter().all(|worst| *worst < 40.0), "{worst:?}");
 }

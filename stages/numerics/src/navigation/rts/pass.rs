@@ -208,7 +208,7 @@ impl<'a> Pass<'a> {
                 let (row, Filtered { phi, estimate, used }) = (first + at, &self.block[at]);
                 let x = smoothed_state(estimate, &adjoint);
                 let covariance = position_covariance(estimate, &adjoint);
-                // Of a sum of products with zero only what is not finite differs from zero.
+                // A sum of products with zero differs from zero only if a factor is not finite.
                 let finite = x.iter().chain(&covariance).map(|value| value * 0.0).sum::<f64>();
                 if finite != 0.0 || covariance[0] < 0.0 || covariance[2] < 0.0 {
                     return Err(NavigationError::Diverged { row, tt_s: self.line.ins.tt_s[row] });

@@ -16,7 +16,7 @@ fn smoothed(scene: &Scene, parameters: &SmootherParameters) -> SmootherOutput {
     scene.with(|line| run(line, parameters)).unwrap()
 }
 
-/// The dense solution of so many iterations.
+/// Dense solution after `iterations` iterations.
 fn batch(scene: &Scene, loss: RobustLoss, iterations: usize) -> Batch {
     scene.with(|line| {
         let mut batch = Batch::new(line);
@@ -132,7 +132,7 @@ fn law_the_cost_never_rises() {
             scene.columns[1].iter_mut().for_each(|lat| *lat += north_deg);
             scene.errors.sources.init_position_sigma_m = 150.0;
             let mut last = f64::INFINITY;
-            // As many as try all first passes.
+            // These limits cover all first passes.
             for iterations in 5..14 {
                 let output = smoothed(&scene, &SmootherParameters { iterations, ..SmootherParameters::default() });
                 let report = output.iterations;
@@ -179,7 +179,7 @@ fn law_the_last_sample_is_the_filters_and_the_innovations_are_its_own() {
     for row in 0..150 {
         assert!((output.residual_nt[row] - filter.residual_nt[row]).abs() < 1e-7, "{row}");
         assert!((output.nis[row] - filter.nis[row]).abs() < 1e-7, "{row}");
-        // North by itself: the plane's slope tells one direction.
+        // Only north is determined: the plane has a slope in one direction.
         assert!(output.sd_n_m[row] <= filter.sd_n_m[row] * (1.0 + 1e-9), "{row}");
     }
 }

@@ -36,7 +36,7 @@ impl Field {
             let heavy = if freedom > 0 { (f64::from(freedom) / chi2).sqrt() } else { 1.0 };
             let mut k = || normals.draw() * heavy / kernel.length_m;
             let (east, north) = (k(), k());
-            // Amplitudes of sine and cosine make a Gaussian field whatever the number of waves.
+            // Amplitudes of sine and cosine make a Gaussian field for any number of waves.
             let amplitude = kernel.sigma_se_nt / f64::from(count).sqrt();
             [east, north, amplitude * normals.draw(), amplitude * normals.draw()]
         };
@@ -119,7 +119,8 @@ fn law_the_map_is_that_of_the_regression_on_all_pairs() {
         }
         println!("{covariance:?}: {} functions, {worst} {worst_sd} {tolerance}", map.report.functions);
         assert!(worst < tolerance && worst_sd < tolerance, "{covariance:?}: {worst} {worst_sd} {tolerance}");
-        // What the basis lacks counts as noise, and is not there where it lacks little that the lines have.
+        // The variance that the basis omits counts as noise. It is not added where the basis omits little of the lines'
+        // variance.
         assert!((0.3..1.1).contains(&map.report.misfit), "{}", map.report.misfit);
     }
 }

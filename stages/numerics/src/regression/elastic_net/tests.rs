@@ -74,7 +74,8 @@ fn val_scores_of_left_out_lines_equal_scikit_learns() {
 
 #[test]
 fn law_the_conditions_of_a_minimum_hold() {
-    // What a coefficient pulls at the residuals equals its penalty; where it is zero, it pulls less.
+    // The gradient of the squared residuals by a coefficient equals its penalty. Where the coefficient is zero, it is
+    // smaller.
     let all = Moments::merged(&lines()).unwrap();
     let net = ElasticNet { l1_ratio: 0.6, tolerance: 1e-14, ..ElasticNet::default() };
     let prepared = all.prepare(net.scaling, true).unwrap();

@@ -160,7 +160,7 @@ impl Moments {
         rest.iter().try_fold(first.clone(), |sum, line| sum.merge(line))
     }
 
-    /// For each line, the moments of all others: some three merges a line, whatever their number.
+    /// For each line, the moments of all others: some three merges a line for any number of lines.
     ///
     /// # Errors
     /// Fails with [`LeastSquaresError::TooFewLines`] for fewer than two lines, and as [`Self::merge`].

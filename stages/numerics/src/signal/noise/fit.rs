@@ -310,7 +310,7 @@ mod tests {
             let n = refused.count();
             println!("{}: {n} of 40 records of three correlation times are refused", by.word());
             assert!(n >= 36, "{}: {n} of 40", by.word());
-            // What three correlation times do not tell, ten lines of twenty tell together: tau to 14 % a sigma.
+            // Three correlation times do not determine tau. Ten lines of twenty each do together, to 14 % at one sigma.
             let lines: Vec<Vec<f64>> = (0..10).map(|seed| record(slow, 0.5, 6000.0, seed)).collect();
             let found = fit(&lines.iter().map(Vec::as_slice).collect::<Vec<_>>(), RATE_HZ, by).unwrap();
             assert!((found.lasting.sigma / 5.0 - 1.0).abs() < 0.2, "{found:?}");

@@ -105,8 +105,8 @@ fn law_derivatives_are_those_of_the_field() {
     }
 }
 
-/// What is left away from the edges: the map samples waves down to 200 m, and sources 250 m deep have a thousandth
-/// of their slope there; the rest is the edge's.
+/// Asserts a small error away from the edges. The map samples waves down to 200 m, and sources 250 m deep have a
+/// thousandth of their slope there. The remaining error comes from the edges.
 fn assert_near_inside(ours: &PlaneGrid, exact: &PlaneGrid, part: f64, what: &str) {
     let inside = |map: &PlaneGrid| rms_where(map, |row, column| depth(map, row, column) >= 15);
     let (error, size) = (inside(&minus(ours, exact)), inside(exact));

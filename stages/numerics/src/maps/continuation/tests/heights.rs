@@ -1,4 +1,4 @@
-//! What a map is off by at another height.
+//! Error of a map at another height.
 
 use super::fields::{Field, Random, Scene, minus, rms_where};
 use crate::maps::continuation::{MAGNAV_ALPHA_M2, Padding, RadialPower, continued};

@@ -1,4 +1,4 @@
-//! What holds for any map.
+//! Properties that hold for any map.
 
 use realfft::num_complex::Complex;
 

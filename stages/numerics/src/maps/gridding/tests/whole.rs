@@ -21,7 +21,7 @@ fn law_a_survey_becomes_a_grid_that_knows_its_error() {
     let crossed = report.cross_validation.unwrap();
     assert_eq!(crossed.n, points.line.len());
     assert!(crossed.median_nt < crossed.rms_nt && crossed.median_nt < crossed.p95_nt);
-    // Gaps are twice as wide where lines are left out: the map itself is better than that.
+    // Without a line, gaps are twice as wide: the map itself is better than that.
     let error = made.error.unwrap();
     assert!(error.unknown() == 0 && rms(error.values.iter().copied()) > wrong);
 }

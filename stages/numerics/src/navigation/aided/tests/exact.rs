@@ -14,7 +14,7 @@ use crate::random::Normals;
 const SAMPLES: u32 = 900;
 const FLIGHTS: u64 = 10;
 const ALT_M: f64 = 500.0;
-/// Of an aircraft that flies nose up.
+/// Pitch of an aircraft that flies nose up.
 const TRIM_DEG: f64 = 2.5;
 const BASELINE: [f64; 3] = [15.0, 0.0, 0.0];
 const SIGMA_NT: f64 = 0.05;
@@ -131,12 +131,12 @@ struct Figures {
     nis: f64,
 }
 
-/// What the filter is told of the map's slope.
+/// Assumed error of the map's slope.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Told {
     /// That it is exact.
     Exact,
-    /// What [`MapSlope`] and [`likely_slope_error`] find.
+    /// Error from [`MapSlope`] and [`likely_slope_error`].
     Found,
 }
 

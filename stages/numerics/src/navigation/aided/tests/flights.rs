@@ -17,7 +17,7 @@ fn linearisations() -> [(&'static str, Linearisation); 3] {
     ]
 }
 
-/// What both magnetometers have in common beside the field: a storm, of 150 nT in a few minutes.
+/// Additional field common to both magnetometers: a storm of 150 nT in a few minutes.
 fn storm_nt(t_s: f64) -> f64 {
     150.0 * (t_s / 40.0).sin() + 60.0 * (t_s / 7.0).cos()
 }

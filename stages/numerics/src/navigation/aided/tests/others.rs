@@ -236,7 +236,7 @@ fn law_filters_that_linearise_alike_agree_over_hills_with_all_measurements() {
             let off = difference(&found, &ekf);
             assert!(off < 1e-7, "{name}: {off:e}");
         }
-        // So that half of the samples are too flat.
+        // This limit makes half of the samples too flat.
         let usual = run(line, &aids, &keep(Linearisation::Once)).unwrap();
         let mut slopes = usual.slope_nt_per_m.clone();
         slopes.sort_by(f64::total_cmp);

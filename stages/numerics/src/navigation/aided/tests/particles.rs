@@ -33,7 +33,7 @@ fn kept(particles: usize, seed: u64) -> MpfParameters {
 /// The largest difference of means and covariances of the linear states, in standard deviations of the Kalman filter.
 fn off(found: &NavigationOutput, exact: &NavigationOutput, row: usize) -> f64 {
     let mut largest = 0.0_f64;
-    // What has no variance has that of rounding.
+    // States without variance hold only rounding errors.
     let unknown = |state: &usize| exact.p[row][*state][*state] > 1e-20;
     for a in (ALT..STATES).filter(unknown) {
         let sigma = exact.p[row][a][a].sqrt();
@@ -205,7 +205,7 @@ fn by_ekf(line: &NavigationLine<'_>, aids: &Aids<'_>) -> NavigationOutput {
 fn law_particles_are_as_good_as_they_say_with_a_difference_and_a_map_that_errs() {
     let map_error = Some(MapError { sigma_nt: 15.0, length_m: 1000.0 });
     let ekf = flown("ekf", drifting(), map_error, true, by_ekf);
-    // Of 2000 particles a difference of 0.05 nT loses one flight in twenty.
+    // With 2000 particles, a difference of 0.05 nT loses one flight in twenty.
     let particles = flown("mpf", drifting(), map_error, true, by_particles(200.0));
     assert!(particles.square_m2 < 1.2 * ekf.square_m2, "{} {}", particles.square_m2, ekf.square_m2);
 }
@@ -283,7 +283,7 @@ fn law_particles_leave_out_each_measurement_by_itself() {
         let normal = |nis: &[f64], row: usize| nis[row] < 37.0;
         assert!(!normal(&found.aids.difference.nis, 12) && !normal(&found.aids.height.nis, 14));
         assert!(found.usage[12] == Usage::Used && found.usage[14] == Usage::Used && found.usage[15] == Usage::Used);
-        // Of the height nothing is said about where the aircraft is.
+        // The height carries no information about the horizontal position.
         assert_eq!(found.report.unexplained, 2);
         assert_eq!(found.aids.difference.nis.len(), ROWS);
         let blind = [f64::NAN; ROWS];

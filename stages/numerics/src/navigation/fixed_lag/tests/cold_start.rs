@@ -123,7 +123,7 @@ fn law_averages_over_a_second_are_as_good_as_every_sample() {
     let mut largest: f64 = 0.0;
     for row in (600..3000).step_by(10).map(|row| row + 9) {
         let sd = every.navigation.sd_n_m[row];
-        // What the terms tell by their change within a second is lost: a little.
+        // Averaging loses the information in the change of the terms within a second, which is small.
         assert!((navigation.sd_n_m[row] / sd - 1.0).abs() < 0.1, "{row} {} {sd}", navigation.sd_n_m[row]);
         let moved_m = (navigation.x[row][LAT] - every.navigation.x[row][LAT]) * 6.37e6;
         largest = largest.max(moved_m.abs() / sd);

@@ -26,7 +26,7 @@ fn smoothed(line: &NavigationLine<'_>, parameters: FixedLagParameters) -> FixedL
     run(&parameters, line, &[Magnetometer::of_line(line)], keep).unwrap()
 }
 
-/// Each sample by itself.
+/// Parameters without averaging of measurements.
 fn parameters(window_s: f64, overlap: f64, lag_s: f64) -> FixedLagParameters {
     FixedLagParameters { window_s, overlap, lag_s, measurement_interval_s: 0.0, ..FixedLagParameters::default() }
 }

@@ -30,7 +30,7 @@ pub fn scene() -> &'static Scene {
     })
 }
 
-/// What the linear model of the aircraft leaves.
+/// Residual of the linear model of the aircraft.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Left {
     /// White noise alone.

@@ -1,4 +1,4 @@
-//! Outliers, gaps and whatever else a line may hold.
+//! Outliers, gaps and other irregularities of a line.
 
 use crate::navigation::loss::Loss;
 use crate::navigation::{InsSeries, NavigationLine};

@@ -392,7 +392,7 @@ impl<'a, M: AircraftModel> Filter<'a, M> {
             );
             return Err(refused("prior", what).into());
         }
-        // What the magnetometers before it have moved, in this one's linearisation.
+        // Change of the prediction by the previous magnetometers, in this one's linearisation.
         let moved_nt: f64 = h.iter().zip(&self.x).zip(&*before).map(|((h, x), before)| h * (x - before)).sum();
         let residual_nt = if magnetometer == 0 { before_nt } else { before_nt - moved_nt };
         let innovation_variance = predicted_nt2 + variance_nt2;

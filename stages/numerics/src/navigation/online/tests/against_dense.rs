@@ -14,9 +14,9 @@ fn of_rows(rows: &[[f64; STATES]; STATES]) -> DMatrix<f64> {
 /// The normal distribution of the states at a sample and of the measurements so far, from the dynamics alone.
 struct Joint {
     states: DMatrix<f64>,
-    /// Of the states with each measurement: its noiseless value.
+    /// Covariance of the states with each measurement's noiseless value.
     with: Vec<DVector<f64>>,
-    /// Of the measurements among each other.
+    /// Covariance of the measurements among each other.
     among: Vec<Vec<f64>>,
 }
 

@@ -69,7 +69,8 @@ fn columns() -> [Vec<f64>; 13] {
 }
 
 impl Flight {
-    /// With so many magnetometers of permanent, induced and eddy terms, whose coefficients are some tens of nT.
+    /// Flight with `magnetometers` magnetometers of permanent, induced and eddy terms, with coefficients of some tens
+    /// of nT.
     pub(crate) fn turning(map: &FieldMap, magnetometers: usize) -> Self {
         let columns = columns();
         let earth = Vector3::new(20_000.0, -4000.0, 48_000.0);

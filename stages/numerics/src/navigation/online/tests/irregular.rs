@@ -34,7 +34,7 @@ fn law_a_magnetometer_without_a_value_is_not_used_and_the_others_are() {
         assert!((output.magnetometers[1].covariance[0] / grown - 1.0).abs() < 1e-12);
     }
     assert!(both(&by_term).magnetometers[1].track.aircraft_nt.iter().all(|nt| nt.is_nan()));
-    // Of the first alone for some samples: the residual of the track is then the second's.
+    // The first alone lacks some samples. The residual of the track is then the second's.
     let mut gap = flight.clone();
     gap.terms[0][18 * 30 + 4] = f64::NAN;
     let output = both(&gap);
@@ -136,7 +136,8 @@ fn law_one_sample_is_one_update() {
     let terms = &flight.terms[0];
     let slopes = output.navigation.nis[0].recip() * output.navigation.residual_nt[0].powi(2)
         - terms.iter().map(|a| 900.0 * a * a).sum::<f64>();
-    // What is not of the coefficients in the innovation's variance: S, noise, and the slope over 3 m, below 3 nT.
+    // Part of the innovation's variance that is not due to the coefficients: S, noise, and the slope over 3 m, below 3
+    // nT.
     assert!((9.0 + 4.0..9.0 + 4.0 + 9.0).contains(&slopes), "{slopes}");
 }
 

@@ -1,4 +1,4 @@
-//! What repeated calibrations say of the next.
+//! Prior of the next calibration from repeated calibrations.
 
 use super::*;
 use nalgebra::DMatrix;
@@ -29,8 +29,8 @@ fn law_the_next_calibration_is_as_far_off_as_the_prior_says() {
                 *square += (next[c] - prior.mean[c]).powi(2) / prior.covariance[5 * c] / trials as f64;
             }
         }
-        // Of 6 calibrations the square has the variance of a Student's t of 5 degrees, squared: 9 − 1, and sqrt(8/4000)
-        // is 4.5 %; three of them.
+        // With 6 calibrations the square has the variance of a Student's t of 5 degrees, squared: 9 − 1. One standard
+        // deviation is sqrt(8/4000), 4.5 %; the limit is three of them.
         assert!(squares.iter().all(|square| (square - 1.0).abs() < 0.14), "{count} {squares:?}");
     }
 }

@@ -9,7 +9,7 @@ use crate::navigation::slam::tests::flights::{Flight, M_PER_DEG, ROUGH_DEG, loit
 use crate::navigation::slam::{Covariance, HyperparameterSource, SlamParameters, run};
 use crate::random::Normals;
 
-/// A path of so many measurements at random, and functions of it at random.
+/// A random path of `n` measurements, and random functions of it.
 fn problem(n: usize, count: usize, seed: u64) -> (Problem, Vec<f64>) {
     let mut normals = Normals::new(seed);
     let mut at_m = [0.0; 2];
@@ -192,7 +192,7 @@ fn smoothed(flight: &Flight, parameters: &SlamParameters) -> SlamOutput {
     run(parameters, &line_of(&ins, flight)).unwrap()
 }
 
-/// Fixed positions beside the path know the field to be a plane; what is left is a linear regression.
+/// Fixed positions along the path determine the field as a plane; the remaining problem is a linear regression.
 #[test]
 fn law_over_a_known_plane_it_is_least_squares() {
     let mut normals = Normals::new(3);
@@ -271,7 +271,7 @@ fn law_the_end_of_the_track_is_the_kalman_filter_where_the_field_tells_nothing()
     let apart_m = ((out.lat_deg[row] - exact.lat_deg[row]) * M_PER_DEG.0)
         .hypot((out.lon_deg[row] - exact.lon_deg[row]) * M_PER_DEG.1);
     println!("{apart_m} m of {} m", exact.sd_n_m[row]);
-    // What the functions lack.
+    // The error of the basis functions.
     assert!(apart_m < 0.1, "{apart_m}");
     assert!((out.sd_n_m[row] / exact.sd_n_m[row] - 1.0).abs() < 0.01);
     assert!((out.sd_e_m[row] / exact.sd_e_m[row] - 1.0).abs() < 0.01);
@@ -324,7 +324,8 @@ fn law_a_track_without_a_revisit_keeps_the_covariance_of_the_ins() {
     let ins = flight.ins.series();
     let alone = ins_only::run(&ins, &flight.model, None).unwrap();
     for row in [100, 200, 299] {
-        // Across the line nothing is told at all; along it that the field is as rough in the end as in the beginning.
+        // Across the line the data give no information. Along it they show that the field is as rough in the end as in
+        // the beginning.
         let ratio = both.navigation.sd_e_m[row] / alone.sd_e_m[row];
         println!("{row}: {ratio} across, {} along", both.navigation.sd_n_m[row] / alone.sd_n_m[row]);
         assert!((0.9..1.02).contains(&ratio), "{row} {ratio}");

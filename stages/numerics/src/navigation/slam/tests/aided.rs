@@ -69,7 +69,7 @@ fn law_positions_of_particles_are_draws_of_the_kalman_filter() {
     let apart_m = ((last.lat_deg - exact.lat_deg[49]) * flights::M_PER_DEG.0)
         .hypot((last.lon_deg - exact.lon_deg[49]) * flights::M_PER_DEG.1);
     println!("{apart_m} {sd_m} {} {}", last.spread_m, output.effective[49]);
-    // A mean of so many effective draws, four of its sigma; and a standard deviation of them.
+    // Four standard errors of the mean of these effective draws, and of their standard deviation.
     let of_mean = 1.0 / output.effective[49].sqrt();
     assert!(apart_m < 4.0 * sd_m * of_mean && (last.spread_m / sd_m - 1.0).abs() < 4.0 * of_mean);
 }

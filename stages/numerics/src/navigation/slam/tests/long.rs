@@ -113,7 +113,7 @@ fn law_the_filter_is_as_good_as_it_says_where_its_model_is_true() {
     }
     println!("NEES per degree of freedom {nees:.2?}, NIS {:.3}", nis / count);
     assert!((nis / count - 1.0).abs() < 0.15);
-    // A mean of chi-square of 40 degrees is within 0.56 and 1.58 of its 95 %; particles run out beside that.
+    // A mean of chi-square of 40 degrees is within 0.56 and 1.58 at 95 %. Particles run out in addition.
     assert!(nees.iter().all(|nees| (0.3..3.0).contains(nees)));
 }
 

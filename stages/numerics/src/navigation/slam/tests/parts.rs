@@ -251,7 +251,7 @@ fn law_without_measurements_the_particles_are_the_covariance_of_the_ins() {
         }
         assert!(moments.x[a].abs() < 4.5 * (p[a][a] / N as f64).sqrt(), "{a}");
     }
-    // What the path tells of the velocity: all but the last steps' noise.
+    // The path determines the velocity except for the noise of the last steps.
     assert!(particles.linear[VN][VN] < 1e-3 * p[VN][VN]);
     assert!((0..STATES).all(|state| particles.linear[LAT][state] == 0.0 && particles.linear[state][LON] == 0.0));
 }
