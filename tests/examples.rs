@@ -234,7 +234,7 @@ fn ref_real_sensors_leave_linear_models_what_the_thesis_reports() {
         assert_eq!(chosen.len(), if table.ends_with("box") { 2 } else { 4 }, "{table}");
         chosen
     };
-    // Fluxgates that err linearly only give partial least squares the truth; thesis 000, Table 4.10, has 4.7 to 70 nT.
+    // Fluxgates that err linearly only give partial least squares the truth; Gnadt 2022, Table 4.10, has 4.7 to 70 nT.
     assert!(errors("ideal_pls").iter().all(|e| *e < 4.0), "{:?}", errors("ideal_pls"));
     assert!(errors("real_pls").iter().all(|e| (4.7..70.0).contains(e)), "{:?}", errors("real_pls"));
     // Tolles-Lawson on a box, which was as published before, hardly changes.
@@ -268,7 +268,7 @@ fn ref_a_network_is_below_partial_least_squares_below_tolles_lawson() {
     };
     let box_nt = error("box", "mag", "mag_4_uc");
     let (linear_nt, network_nt) = (error("linear", "linear", "pls"), error("network", "model", "m2c"));
-    // The order of thesis 000, Table 4.10: 102, 10 and 8.6 nT.
+    // The order of Gnadt 2022, Table 4.10: 102, 10 and 8.6 nT.
     assert!(network_nt < linear_nt && linear_nt < box_nt, "{network_nt} {linear_nt} {box_nt}");
 }
 

@@ -40,7 +40,7 @@ stage! {
     /// | `core_flux_a` | 21 terms of the core-field model; requires `igrf_x`, `igrf_y`, `igrf_z` of `core_field` |
     /// | `slope`, `slope_quadratic` | easting and northing, km, with squares and product: the slope of the anomaly |
     ///
-    /// Three names denote sets: `down_selected` (thesis 000, Table C.1), `small_1` and `small_2` (thesis 000, section
+    /// Three names denote sets: `down_selected` (Gnadt 2022, Table C.1), `small_1` and `small_2` (Gnadt 2022, section
     /// 4.9). The small sets use the magnetometer `mag` and the vector magnetometer `vector`.
     ///
     /// Differences and lags are per sample. The field's metadata `per_sample` lists them, and `rate_hz` holds the
@@ -50,7 +50,7 @@ stage! {
     /// Differences, lags and filters stay within a run of samples without gaps. A feature is NaN where it cannot be
     /// computed, and `fit` omits that row. Truth columns and features with missing inputs are rejected.
     ///
-    /// Source: thesis 000, section 4.8 and appendix C; thesis 004, sections 2.2.2 and 2.3; thesis 001, appendix B; names
+    /// Source: Gnadt 2022, section 4.8 and appendix C; van der Meer 2025, sections 2.2.2 and 2.3; Lee 2019, appendix B; names
     /// of MagNav.jl.
     Features = "features", version 3, grain Line, inputs [input: Lines],
     example r#"
@@ -63,7 +63,7 @@ features = ["mag_4_uc", "mag_4_uc_dot", "TL_A_flux_a"]
     /// Features, in the order of the list.
     features: Vec<String>, unit "";
     /// Groups of Tolles-Lawson terms in `TL_A_...`.
-    terms: Option<Vec<String>>, unit "", absent "permanent, induced and eddy; for a set of thesis 000: permanent, induced and derivative";
+    terms: Option<Vec<String>>, unit "", absent "permanent, induced and eddy; for a set of Gnadt 2022: permanent, induced and derivative";
     /// Scale of the induced, eddy and core-field terms.
     bt_scale_nt: f64, unit "nT", default 50_000.0, rule Rule::Positive;
     /// Vector magnetometer of the small sets. Its direction also projects the inputs of `ETL_...`.
@@ -488,11 +488,11 @@ fn lagged(x: &[f64], n: usize) -> Vec<f64> {
     (0..x.len()).map(|i| i.checked_sub(n).and_then(|k| x.get(k)).copied().unwrap_or(f64::NAN)).collect()
 }
 
-/// The reduced set of currents and one voltage. [thesis 000, section 4.9]
+/// The reduced set of currents and one voltage. [Gnadt 2022, section 4.9]
 const CURRENTS: [&str; 9] =
     ["cur_com_1", "cur_ac_hi", "cur_ac_lo", "cur_flap", "cur_strb", "cur_heat", "cur_acpwr", "cur_outpwr", "vol_bat_1"];
 
-/// The 77 features of thesis 000, Table C.1, with twelve terms of each vector magnetometer.
+/// The 77 features of Gnadt 2022, Table C.1, with twelve terms of each vector magnetometer.
 fn down_selected() -> Vec<String> {
     let mags = ["2", "3", "4", "5"];
     let pairs =

@@ -75,7 +75,7 @@ stage! {
     /// its own keys; a key of another model is rejected.
     ///
     /// `tolles_lawson` has the feature `tl`, of `a_matrix`. `features` computes the features of all other names. The
-    /// two-step model of thesis 004 is two fits with a `compensate` between them; the second has target `mag_c`.
+    /// two-step model of van der Meer 2025 is two fits with a `compensate` between them; the second has target `mag_c`.
     ///
     /// `choose` selects `lambda` or the number of components. It uses generalised cross-validation, the corner of the
     /// L-curve, or cross-validation that omits each line, or each flight with all its lines, in turn. Omitting whole
@@ -128,7 +128,7 @@ stage! {
     /// its weights require. Its constant is replaced by that of the new lines. Trained coefficients (`m2c`) start from
     /// its values. Coefficients that are not trained (`m2b`, `m2d`, `tlnn`, `etlnn`) are fitted to the new lines.
     ///
-    /// Source: thesis 000, (3.19) to (3.43), Figure 5-6 of `warm_start`; thesis 004, sections 2.2 to 2.4, 4.2.1 and
+    /// Source: Gnadt 2022, (3.19) to (3.43), Figure 5-6 of `warm_start`; van der Meer 2025, sections 2.2 to 2.4, 4.2.1 and
     /// Figure 4.2.
     Fit = "fit", version 5, grain Survey, inputs [input: Lines, warm_start: Model optional],
     example r#"

@@ -93,7 +93,7 @@ stage! {
     /// fit. A sweep over `seed` of the fit gives the spread over seeds.
     ///
     /// Source: Breiman 2001; Lundberg & Lee 2017; Lundberg et al. 2020; Erion et al. 2021; Blumensath & Davies 2010;
-    /// thesis 000, section 4.3 and (4.10).
+    /// Gnadt 2022, section 4.3 and (4.10).
     Importance = "importance", version 2, grain Line, yields Scores, inputs [input: Lines, model: Model],
     example r#"
 [[stages]]

@@ -11,7 +11,7 @@ stage! {
     ///
     /// An existing column of that name is replaced. A sample with a missing component is NaN.
     ///
-    /// Source: thesis 004, section 4.2.2 (its Tables 4.3 and 4.5).
+    /// Source: van der Meer 2025, section 4.2.2 (its Tables 4.3 and 4.5).
     Magnitude = "magnitude", version 1, grain Line, inputs [input: Lines],
     example r#"
 [[stages]]

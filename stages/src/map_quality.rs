@@ -39,7 +39,7 @@ stage! {
     ///
     /// A line without a sample on the map is rejected, and so are times that do not ascend.
     ///
-    /// Source: Kay 1993, section 3.7; thesis 000, section 2.3.
+    /// Source: Kay 1993, section 3.7; Gnadt 2022, section 2.3.
     MapQuality = "map_quality", version 1, grain Line, inputs [input: Lines, map: Map],
     example r#"
 [[stages]]

@@ -26,7 +26,7 @@ stage! {
     /// step above or below the levels is NaN. Downward continuation amplifies short wavelengths, so keep the levels at
     /// or above the map.
     ///
-    /// Source: thesis 000, section 2.3; Blakely 1996, chapter 12.
+    /// Source: Gnadt 2022, section 2.3; Blakely 1996, chapter 12.
     MapValue = "map_value", version 4, grain Line, inputs [input: Lines, map: Map],
     example r#"
 [[stages]]

@@ -37,7 +37,7 @@ stage! {
     /// as good on new lines as on its own, more for one that overfits. In its resamples training lines and
     /// other lines are drawn each among themselves.
     ///
-    /// Source: thesis 004, (2.42) and section 4.1; Efron & Tibshirani 1993, chapter 13.
+    /// Source: van der Meer 2025, (2.42) and section 4.1; Efron & Tibshirani 1993, chapter 13.
     Summary = "summary", version 4, grain Survey, inputs [input: Scores],
     example r#"
 [[stages]]

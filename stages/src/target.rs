@@ -12,7 +12,7 @@ use crate::{
 };
 
 choice! {
-    /// Type of target, as in thesis 000, section 3.7.
+    /// Type of target, as in Gnadt 2022, section 3.7.
     pub enum TargetType {
         /// Truth minus core field and diurnal variation.
         A = "a",
@@ -28,7 +28,7 @@ choice! {
 }
 
 stage! {
-    /// Appends `target`, one of the five targets of thesis 000 to which models are fitted.
+    /// Appends `target`, one of the five targets of Gnadt 2022 to which models are fitted.
     ///
     /// | type | target | a model of it predicts |
     /// |---|---|---|
@@ -45,7 +45,7 @@ stage! {
     /// The column has the role truth: it may be a target but not a feature. A sample with a missing part is NaN. The
     /// metadata `removed` list the corrections, so that no later stage repeats them.
     ///
-    /// Source: thesis 000, section 3.7.
+    /// Source: Gnadt 2022, section 3.7.
     Target = "target", version 2, grain Line, inputs [input: Lines],
     example r#"
 [[stages]]
@@ -163,7 +163,7 @@ impl Stage for Target {
         if !faults.is_empty() {
             return Err(faults);
         }
-        let doc = format!("target of a model: type {} of thesis 000, section 3.7", self.kind.word());
+        let doc = format!("target of a model: type {} of Gnadt 2022, section 3.7", self.kind.word());
         let column = Column::float("target", "nT", doc).role(Role::Truth).from(0, &reads).without(removed);
         let mut yields = Yield::append(vec![column], &reads);
         yields.notes.extend(note_of_ins_position(shape).filter(|_| reads.iter().any(|name| name == MAP)));

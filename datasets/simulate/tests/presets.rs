@@ -21,7 +21,7 @@ fn rms(x: &[f64]) -> f64 {
 fn ref_tolles_lawson_on_the_cessna_leaves_what_it_left_in_table_2_3() {
     let flown = lines(&spec("cessna")).unwrap();
     let calibration = line(&flown, "1006.04").unwrap();
-    // Thesis 000, Table 2.3, with fluxgate A; magnetometer 2 from Table 5.2, for its calibration in 2.3 had failed.
+    // Gnadt 2022, Table 2.3, with fluxgate A; magnetometer 2 from Table 5.2, for its calibration in 2.3 had failed.
     let published = [
         ("mag_1_uc", 6.2, 5.8),
         ("mag_5_uc", 104.0, 13.0),
@@ -51,7 +51,7 @@ fn ref_tolles_lawson_on_the_cessna_leaves_what_it_left_in_table_2_3() {
 fn ref_core_field_tolles_lawson_improves_the_drone_as_in_table_4_2() {
     // The random values of a flight change its ratio by a factor of two: the median of seven flights is compared.
     let flights = seeds(&spec("drone"), 1..=7).unwrap();
-    // Thesis 004, Tables 4.1 to 4.3: means of the uncompensated standard deviations and of the improvement ratios.
+    // Van der Meer 2025, Tables 4.1 to 4.3: means of the uncompensated standard deviations and of the improvement ratios.
     let published = [
         ("mag_1_uc", "flux_a", 37.85, 4.90),
         ("mag_2_uc", "flux_b", 27.45, 4.03),

@@ -1,5 +1,5 @@
 //! Tolles-Lawson matrix, band-pass and ridge fit of 144,668 samples x 18 terms for 5 magnetometers
-//! and 20 lambdas: as many samples as the compensated flights of thesis 000 hold.
+//! and 20 lambdas: as many samples as the compensated flights of Gnadt 2022 hold.
 //!
 //! `cargo bench -p magline-numerics --bench compensation --profile dev` prints the fastest of several runs on
 //! one and on two threads, and checks the coefficients against those that `compensation_numpy.py`

@@ -29,7 +29,7 @@ const SOUTH_DEG: f64 = -22.0;
 const WEST_DEG: f64 = 140.0;
 const STEP_DEG: f64 = 0.001;
 
-/// Name, rows and columns of the maps; the large one has as many nodes as that of thesis 000.
+/// Name, rows and columns of the maps; the large one has as many nodes as that of Gnadt 2022.
 const MAPS: [(&str, usize, usize); 2] = [("small", 400, 330), ("large", 3195, 7279)];
 
 /// The seconds that this thread has been on a processor, or where the system does not tell, that have passed: other

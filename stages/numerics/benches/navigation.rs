@@ -1,4 +1,4 @@
-//! The navigation filter on 144,668 samples, as many as the flights of thesis 000 hold, with map
+//! The navigation filter on 144,668 samples, as many as the flights of Gnadt 2022 hold, with map
 //! look-up and core field, and its parts by themselves.
 //!
 //! `cargo bench -p magline-numerics --bench navigation --profile dev` prints medians on one thread, and

@@ -110,11 +110,11 @@
 //!
 //! Three theses are cited by number:
 //!
-//! - thesis 000: A. R. Gnadt 2022, *Advanced Aeromagnetic Compensation Models for Airborne Magnetic Anomaly
+//! - Gnadt 2022: A. R. Gnadt 2022, *Advanced Aeromagnetic Compensation Models for Airborne Magnetic Anomaly
 //!   Navigation*, PhD, Massachusetts Institute of Technology;
-//! - thesis 001: T. N. Lee 2019, *Aerial Simultaneous Localization and Mapping Using Earth's Magnetic Anomaly Field*,
+//! - Lee 2019: T. N. Lee 2019, *Aerial Simultaneous Localization and Mapping Using Earth's Magnetic Anomaly Field*,
 //!   MS, Air Force Institute of Technology;
-//! - thesis 004: F. van der Meer 2025, *Reference-Free Aeromagnetic Platform Noise Compensation for Magnetic Aided
+//! - van der Meer 2025: F. van der Meer 2025, *Reference-Free Aeromagnetic Platform Noise Compensation for Magnetic Aided
 //!   Navigation*, MS, Delft University of Technology.
 
 // The flights that tests share name the crate as a user does.

@@ -21,7 +21,7 @@ model! {
     /// Minimises \|y - A b\|^2 / 2n + `lambda` (r \|b\|_1 + (1 - r) \|b\|^2 / 2) of standardised columns, where r is
     /// `l1_ratio`. Coefficients that reduce the error by less than their penalty are exactly 0.
     ///
-    /// Source: Zou and Hastie 2005; thesis 000, (3.19) to (3.43).
+    /// Source: Zou and Hastie 2005; Gnadt 2022, (3.19) to (3.43).
     ElasticNet = "elastic_net", version 1, scaling Standardise, intercept true, made of Moments,
     choose [Given, LeaveOneLineOut, LeaveOneFlightOut], takes [one_standard_error, whiten], groups [penalty: Penalty], example "lambda = 0.025";
     /// Fraction of the penalty on absolute values.

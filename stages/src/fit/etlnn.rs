@@ -1,4 +1,4 @@
-//! Network of thesis 004 combined with the extended Tolles-Lawson model.
+//! Network of van der Meer 2025 combined with the extended Tolles-Lawson model.
 
 use learning::network::Form;
 
@@ -10,7 +10,7 @@ use super::{
 model! {
     /// The model `tlnn` with the extended Tolles-Lawson model: by default all features are linear terms.
     ///
-    /// Source: thesis 004, section 4.4.2 and Table 4.7.
+    /// Source: van der Meer 2025, section 4.4.2 and Table 4.7.
     ExtendedTollesLawsonNetwork = "etlnn", version 1, scaling Standardise, intercept true, made of Samples, choose [Given], takes [whiten],
     groups [network: Network, part: LinearPart], example "epochs = 5";
 }

@@ -6,10 +6,10 @@ use super::{
 };
 
 model! {
-    /// Ridge of standardised columns, with the name that thesis 004 uses. Its features include terms of currents and
+    /// Ridge of standardised columns, with the name that van der Meer 2025 uses. Its features include terms of currents and
     /// voltages, which `features` computes.
     ///
-    /// Source: thesis 004, sections 2.2 to 2.4 and 4.2.1.
+    /// Source: van der Meer 2025, sections 2.2 to 2.4 and 4.2.1.
     ExtendedTollesLawson = "extended_tolles_lawson", version 1, scaling Standardise, intercept true, made of Moments,
     choose [Given, Gcv, LCurve, LeaveOneLineOut, LeaveOneFlightOut], takes [one_standard_error, whiten], groups [penalty: Penalty], example "lambda = 0.025";
 }

@@ -17,7 +17,7 @@ model! {
     /// Partial least squares: ordinary least squares on `components` combinations of the centred features with the
     /// largest covariance with the target. With `with_targets` the components are common to all targets.
     ///
-    /// Source: Wold, Sjöström and Eriksson 2001; thesis 000, (3.19) to (3.43).
+    /// Source: Wold, Sjöström and Eriksson 2001; Gnadt 2022, (3.19) to (3.43).
     PartialLeastSquares = "pls", version 2, scaling Standardise, intercept true, made of Moments,
     choose [Given, LeaveOneLineOut, LeaveOneFlightOut], takes [one_standard_error, whiten], example "components = 6";
     /// Number of components, or the maximum number if it is chosen. As many components as terms give ordinary least

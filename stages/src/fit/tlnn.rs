@@ -1,4 +1,4 @@
-//! Network of thesis 004 combined with the Tolles-Lawson model.
+//! Network of van der Meer 2025 combined with the Tolles-Lawson model.
 
 use learning::network::Form;
 
@@ -9,9 +9,9 @@ use super::{
 
 model! {
     /// A network predicts the residual of the Tolles-Lawson model, as in `m2b`. It has one hidden layer of 11 units,
-    /// which the search in thesis 004 selected.
+    /// which the search in van der Meer 2025 selected.
     ///
-    /// Source: thesis 004, section 4.4.1 and Table 4.6.
+    /// Source: van der Meer 2025, section 4.4.1 and Table 4.6.
     TollesLawsonNetwork = "tlnn", version 1, scaling Standardise, intercept true, made of Samples, choose [Given], takes [whiten],
     groups [network: Network, part: LinearPart], example "epochs = 5";
 }

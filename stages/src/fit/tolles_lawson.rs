@@ -9,7 +9,7 @@ model! {
     /// Minimises \|y - A b\|^2 + `lambda` \|b\|^2 of unscaled columns, without a constant. Its feature is `tl`, of
     /// `a_matrix`. With `lambda = 0` it is ordinary least squares.
     ///
-    /// Source: Tolles and Lawson 1950; Leliak 1961; thesis 000, (3.19) to (3.43).
+    /// Source: Tolles and Lawson 1950; Leliak 1961; Gnadt 2022, (3.19) to (3.43).
     TollesLawson = "tolles_lawson", version 1, scaling None, intercept false, made of Moments,
     choose [Given, Gcv, LCurve, LeaveOneLineOut, LeaveOneFlightOut], takes [one_standard_error, whiten], groups [penalty: Penalty], example "lambda = 0.025";
 }

@@ -10,7 +10,7 @@ use tables::{Failed, Line, beyond_core, classical, less, line, lines, reference_
 
 mod tables;
 
-/// Thesis 000, Table 2.3 (line 1007.02) and Table 5.2 (line 2005.36): uncompensated, and with fluxgate A.
+/// Gnadt 2022, Table 2.3 (line 1007.02) and Table 5.2 (line 2005.36): uncompensated, and with fluxgate A.
 const CESSNA: [(&str, [f64; 4]); 5] = [
     ("mag_1_uc", [6.2, 5.8, 7.3, 7.3]),
     ("mag_5_uc", [104.0, 13.0, 370.0, 11.0]),
@@ -19,7 +19,7 @@ const CESSNA: [(&str, [f64; 4]); 5] = [
     ("mag_2_uc", [1389.0, 46109.0, 272.0, 124.0]),
 ];
 
-/// Thesis 004, Tables 4.1 to 4.3, means: uncompensated standard deviation, improvement ratio with ridge.
+/// Van der Meer 2025, Tables 4.1 to 4.3, means: uncompensated standard deviation, improvement ratio with ridge.
 const DRONE: [(&str, &str, [f64; 2]); 4] = [
     ("mag_1_uc", "flux_a", [37.85, 4.90]),
     ("mag_2_uc", "flux_b", [27.45, 4.03]),
@@ -45,7 +45,7 @@ fn spread(mut x: Vec<f64>) -> [f64; 3] {
     [x[0], x[x.len() / 2], x[x.len() - 1]]
 }
 
-/// The lines that are evaluated, and what thesis 000, Table 3.3 has for magnetometer 4 with fluxgate A.
+/// The lines that are evaluated, and what Gnadt 2022, Table 3.3 has for magnetometer 4 with fluxgate A.
 const SURVEYS: [(&str, Option<f64>); 8] = [
     ("1007.02", None),
     ("1003.10", Some(125.0)),

@@ -76,7 +76,7 @@ pub fn less(x: &[f64], y: &[f64]) -> Vec<f64> {
 }
 
 const TERMS: [&str; 3] = ["permanent", "induced", "eddy"];
-/// Thesis 000, section 3.1: the ridge, and the band of the fit.
+/// Gnadt 2022, section 3.1: the ridge, and the band of the fit.
 const RIDGE: f64 = 0.025;
 const BAND_HZ: (f64, f64) = (0.1, 0.9);
 /// Samples dropped at either end of a filtered line.
@@ -127,7 +127,7 @@ fn core(line: &Line) -> Result<(Vec<Vector3<f64>>, Vec<f64>), Failed> {
 }
 
 /// The 21 terms of core-field Tolles-Lawson: direction of the vector magnetometer, and its products with the core
-/// field (over 50,000 nT) and with that field's rate. [thesis 004, 2.2.2]
+/// field (over 50,000 nT) and with that field's rate. [van der Meer 2025, 2.2.2]
 fn core_terms(line: &Line, flux: &str) -> Result<Vec<[f64; 21]>, Failed> {
     let (b, _) = core(line)?;
     let [x, y, z] = line.flux(flux);

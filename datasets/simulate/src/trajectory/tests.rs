@@ -304,7 +304,7 @@ fn law_the_box_sets_have_the_amplitudes_and_numbers_of_table_5_7() {
     let keys = "[[flights.lines]]\nname = 'B'\nkind = 'box'\nalt_m = 500.0\nstart = [-22.0, 140.5]\nsets = [1, 18]";
     let sets = lines("", keys).unwrap();
     assert_eq!(sets.len(), 18);
-    // Thesis 000, table 5.7: pitch, roll, yaw amplitudes in degrees, and swings per leg.
+    // Gnadt 2022, table 5.7: pitch, roll, yaw amplitudes in degrees, and swings per leg.
     let printed = [
         ([2.5, 0.0, 0.0], 2),
         ([5.0, 0.0, 0.0], 2),

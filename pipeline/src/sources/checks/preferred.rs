@@ -1,7 +1,7 @@
 //! Evenly spaced values that a sensor prefers, although it gives others too.
 //!
 //! The scalar magnetometers of a real drone give a third of their samples near evenly spaced values, on all flights, with a narrow
-//! distribution about each: a histogram with sharp peaks [thesis 004, section 3.2.4, figures 3.7 to 3.9]. That is no quantisation
+//! distribution about each: a histogram with sharp peaks [van der Meer 2025, section 3.2.4, figures 3.7 to 3.9]. That is no quantisation
 //! step, since the other samples lie between. What is there is one peak of the histogram after another, at one spacing.
 
 use std::ops::Range;

@@ -240,7 +240,11 @@ fn unit_rows_are_left_out_where_the_condition_does_not_hold_and_repeats_are_coun
     let text = table(time, &format!("rows = 'ok = 1'\ndrop_repeated = true\n{columns}"));
     assert_eq!(numbers(&rows(csv, &text).unwrap(), "x"), [10.0, 11.0, 15.0]);
     let (reader, _folder) = opened(csv, &text, &FlightOptions::default()).unwrap();
-    assert!(reader.notes.iter().any(|n| n.contains("drops 1 rows with the time of the previous row")), "{:?}", reader.notes);
+    assert!(
+        reader.notes.iter().any(|n| n.contains("drops 1 rows with the time of the previous row")),
+        "{:?}",
+        reader.notes
+    );
     // `others = true` keeps the columns that the mapping does not name.
     let out = rows(csv, &table(time, &format!("others = true\n{columns}"))).unwrap();
     assert_eq!(numbers(&out, "ok").len(), 6);

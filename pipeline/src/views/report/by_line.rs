@@ -1,5 +1,5 @@
 //! The leading score line by line: a row for each line, a column for each value of an axis, as theses print the errors of
-//! methods over flight lines. [thesis 000, Tables 6.2, 6.4 and 6.6]
+//! methods over flight lines. [Gnadt 2022, Tables 6.2, 6.4 and 6.6]
 
 use std::collections::BTreeSet;
 

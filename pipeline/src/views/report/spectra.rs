@@ -16,11 +16,11 @@ use crate::plan::{LineId, Ref};
 const OBSERVATORY: &str = include_str!("observatory_spectrum.csv");
 
 /// Sensitivities in nT/√Hz: the published noise of sensors.
-/// [thesis 001, Table 3; thesis 004, Table 3.3]
+/// [Lee 2019, Table 3; van der Meer 2025, Table 3.3]
 const FLOORS: [(&str, f64); 3] =
     [("MicroSAM 20 pT/√Hz", 0.02), ("VMR vector 300 pT/√Hz", 0.3), ("G-823A 4 pT/√Hz", 0.004)];
 
-/// Manoeuvres of calibration boxes have periods of 4 to 20 s. [thesis 000, Table 5.7]
+/// Manoeuvres of calibration boxes have periods of 4 to 20 s. [Gnadt 2022, Table 5.7]
 const MANOEUVRES_HZ: (f64, f64) = (0.05, 0.25);
 
 /// The number of colours.

@@ -1,4 +1,4 @@
-//! How the coefficients of a model differ from one calibration to the next. [thesis 000, Tables 3.1, 3.2, Figure 3-8]
+//! How the coefficients of a model differ from one calibration to the next. [Gnadt 2022, Tables 3.1, 3.2, Figure 3-8]
 
 use arrow_array::{cast::AsArray, types::Float64Type};
 use figures::chart::{Chart, Dim, Line};
@@ -170,7 +170,7 @@ fn mean_of(spread: &[Variation]) -> Option<f64> {
     (!there.is_empty()).then(|| there.iter().sum::<f64>() / there.len() as f64)
 }
 
-/// The mean coefficient of variation over the ridge parameter, where the sweep has several. [thesis 000, Figure 3-8]
+/// The mean coefficient of variation over the ridge parameter, where the sweep has several. [Gnadt 2022, Figure 3-8]
 fn over_lambda(source: &Source, table: usize, instance: usize, of: &Calibrations) -> Result<Option<Markup>, Fault> {
     let lambda = |i: usize| {
         let params = source.graph.plan.instance(table, i).params();

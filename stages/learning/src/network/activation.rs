@@ -3,7 +3,7 @@
 use params::choice;
 
 choice! {
-    /// Activation function of the sum z of a hidden unit. [thesis 000, (4.3)-(4.6)]
+    /// Activation function of the sum z of a hidden unit. [Gnadt 2022, (4.3)-(4.6)]
     #[derive(Default)]
     pub enum Activation {
         /// z/(1 + e⁻ᶻ): swish, or SiLU.

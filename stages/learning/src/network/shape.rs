@@ -7,7 +7,7 @@ use super::activation::Activation;
 use super::training::TrainingError;
 
 choice! {
-    /// Combination of a network N and linear terms a that predicts the target. [thesis 000, sections 4.2-4.6]
+    /// Combination of a network N and linear terms a that predicts the target. [Gnadt 2022, sections 4.2-4.6]
     #[derive(Default)]
     pub enum Form {
         /// N(x): model 1.

@@ -107,7 +107,7 @@ pub enum Schedule {
 }
 
 /// The sparse group lasso of the weights of the first layer, λ Σⱼ (1 − α) ‖wⱼ‖₁ + α ‖wⱼ‖₂ over the inputs j, as a part of what
-/// is made small. Weights of an input that does not help become small, not 0. [thesis 000, (4.10)]
+/// is made small. Weights of an input that does not help become small, not 0. [Gnadt 2022, (4.10)]
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SparseGroupLasso {
     /// λ, in the scale of the loss.

@@ -95,7 +95,7 @@ impl Excitation {
 
 /// How near a Tolles-Lawson fit is to the trivial one, which calls the whole field the aircraft's.
 ///
-/// The trivial solution [thesis 004, 4.2.1]: no permanent field, the unit matrix as induced field, no eddy
+/// The trivial solution [van der Meer 2025, 4.2.1]: no permanent field, the unit matrix as induced field, no eddy
 /// currents; Σ B̂ᵢ Bᵢ = |B| then explains the total field exactly, and the earth's field that is left is zero.
 /// Band-passed rows cannot tell it from the true one where the earth's field is constant; the unfiltered
 /// terms can: there the true one is some hundreds of nT in 50,000 and the trivial one all of it.
@@ -110,7 +110,7 @@ pub struct TrivialSolution {
     pub distance_fitted: f64,
     /// ‖y − A β‖² + λ ‖β‖² of the fit.
     pub loss: f64,
-    /// The same of the trivial solution: λ · 3 s² (thesis 004's 3 λ for s = 1), and what it misses.
+    /// The same of the trivial solution: λ · 3 s² (van der Meer 2025's 3 λ for s = 1), and what it misses.
     pub trivial_loss: f64,
 }
 
@@ -209,7 +209,7 @@ pub struct Variation {
     pub mean: f64,
     /// Its standard deviation with n − 1; NaN of one calibration.
     pub std: f64,
-    /// std/|mean|. [thesis 000 eq. 3.28, Tables 3.1 and 3.2, Figure 3-8]
+    /// std/|mean|. [Gnadt 2022 eq. 3.28, Tables 3.1 and 3.2, Figure 3-8]
     pub coefficient_of_variation: f64,
 }
 
@@ -243,7 +243,7 @@ mod tests {
 
     #[test]
     fn ref_variation_is_that_of_table_3_1() {
-        // Thesis 000, Table 3.1: three boxes without a ridge, cosX, cosXX and cosYZ.
+        // Gnadt 2022, Table 3.1: three boxes without a ridge, cosX, cosXX and cosYZ.
         let boxes = [[1974.0, -1013.0, -18.0], [1798.0, -787.0, 180.0], [1243.0, -1132.0, 190.0]];
         let variation = variation(&[&boxes[0], &boxes[1], &boxes[2]]).unwrap();
         // By hand: mean 1671.667, deviations 302.333, 126.333, -428.667.
@@ -259,7 +259,7 @@ mod tests {
 
     #[test]
     fn law_the_linear_form_never_misses_more_than_its_bound() {
-        // Thesis 004, section 4.1: 200 nT in 50,000 nT give 0.4 nT.
+        // Van der Meer 2025, section 4.1: 200 nT in 50,000 nT give 0.4 nT.
         assert!((approximation_bound_nt([200.0, 0.0, 0.0], [0.0; 6], 50_000.0) - 0.4).abs() < 1e-12);
         let permanent = nalgebra::Vector3::new(900.0, -700.0, 400.0);
         let induced = nalgebra::Matrix3::new(0.012, 0.004, -0.002, 0.004, -0.01, 0.003, -0.002, 0.003, 0.006);

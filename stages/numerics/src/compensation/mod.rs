@@ -15,7 +15,7 @@
 //!
 //! The aircraft's field at the magnetometer is a permanent part, one induced by the field B and one of eddy currents
 //! driven by its change. B̂ = B/B_t and the scalar magnetometer reads B_t, so that to first order [Tolles & Lawson
-//! 1950; Leliak 1961; thesis 000, (3.13)-(3.22)]
+//! 1950; Leliak 1961; Gnadt 2022, (3.13)-(3.22)]
 //!
 //! ```text
 //! F = a + b B + c Ḃ
@@ -32,13 +32,13 @@
 //! induced field is b_xy + b_yx: a scalar magnetometer cannot separate them. The band-pass removes the earth's field
 //! B_e as far as it varies slowly.
 //!
-//! Where the printed equations differ: thesis 000 (3.20) lacks s, on which its Tables 3.1 and 3.2 and its ridge
+//! Where the printed equations differ: Gnadt 2022 (3.20) lacks s, on which its Tables 3.1 and 3.2 and its ridge
 //! parameter of 0.025 rest. In its (3.16) and (3.19) the dots of the eddy terms are missing or misplaced: the change
 //! is that of the vector, not |B| times that of the unit vector.
 //!
 //! The band-passed equations are also solved by a = 0, b = 1, c = 0, which calls the whole field the aircraft's.
-//! [`trivial_solution`] measures how near a fit is to that [thesis 004, 4.2.1]. The linear form itself errs by at
-//! most [thesis 004, Figure 4.2]
+//! [`trivial_solution`] measures how near a fit is to that [van der Meer 2025, 4.2.1]. The linear form itself errs by at
+//! most [van der Meer 2025, Figure 4.2]
 //!
 //! ```text
 //! (|a| + ‖b‖ B)²/(2 B)

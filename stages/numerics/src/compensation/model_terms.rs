@@ -9,7 +9,7 @@ use crate::{
 /// Number of terms of [`core_terms`].
 pub const CORE_TERMS: usize = 21;
 
-/// The groups of terms of the extended Tolles-Lawson model. [thesis 004, 2.3]
+/// The groups of terms of the extended Tolles-Lawson model. [van der Meer 2025, 2.3]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Group {
     /// The input itself: one term, `_1`.
@@ -32,7 +32,7 @@ impl Group {
 }
 
 /// The terms of one input in one group, one column each, in the input's unit. `cosines` are the direction cosines of
-/// the field in the body frame. `None` where a difference of a single sample is requested. [thesis 004, (2.35)-(2.37)]
+/// the field in the body frame. `None` where a difference of a single sample is requested. [van der Meer 2025, (2.35)-(2.37)]
 pub fn extended_terms(input: &[f64], cosines: [&[f64]; 3], group: Group) -> Option<Vec<Vec<f64>>> {
     let projected = |x: &[f64]| cosines.map(|c| x.iter().zip(c).map(|(x, c)| x * c).collect()).to_vec();
     Some(match group {
@@ -61,7 +61,7 @@ pub fn core_term_names() -> Vec<String> {
 /// The 21 terms of the core-field (reference-free) model, row-major: with u the direction cosines of the vector
 /// magnetometer, C the core field in the body frame and Ċ its difference per sample, u_i (3), C_i u_j (9) and Ċ_i u_j
 /// (9), i varying fastest, the latter two over `scale_nt`. The target that goes with them is the scalar less |C|.
-/// [thesis 004, (2.12)-(2.18) and (2.30), with vec() column by column]
+/// [van der Meer 2025, (2.12)-(2.18) and (2.30), with vec() column by column]
 ///
 /// `None` for a single sample, whose difference is unknown.
 pub fn core_terms(vector: [&[f64]; 3], core: [&[f64]; 3], scale_nt: f64) -> Option<Vec<f64>> {
@@ -85,7 +85,7 @@ pub fn core_terms(vector: [&[f64]; 3], core: [&[f64]; 3], scale_nt: f64) -> Opti
     Some(out)
 }
 
-/// Model of the gradient of the crustal anomaly that is fitted together with the aircraft field. [thesis 001, appendix B]
+/// Model of the gradient of the crustal anomaly that is fitted together with the aircraft field. [Lee 2019, appendix B]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Slope {
     /// Easting and northing: the models TLL and MTLL.

@@ -3,7 +3,7 @@
 //! With B the vector magnetometer in the body frame (nT), Bt its magnitude (or a scalar
 //! magnetometer: the modified model), Ḃ the central difference of B per sample and s a scale:
 //! permanent B_i/Bt, induced B_i B_j/(Bt s), eddy B_i Ḃ_j/(Bt s), derivative Ḃ_i, bias 1.
-//! [Tolles and Lawson 1950; thesis 000 eqs. 3.15-3.20, with the scale that eq. 3.20 leaves out and
+//! [Tolles and Lawson 1950; Gnadt 2022 eqs. 3.15-3.20, with the scale that eq. 3.20 leaves out and
 //! eddy currents driven by the change of the vector, as MagNav.jl computes them]
 
 mod terms;

@@ -6,7 +6,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 /// The direction cosine matrix from body to north-east-down of roll, pitch and yaw, in radians
-/// (yaw, then pitch, then roll). [thesis 000, C_b^n; Titterton & Weston 3.47]
+/// (yaw, then pitch, then roll). [Gnadt 2022, C_b^n; Titterton & Weston 3.47]
 pub fn body_to_ned(roll_rad: f64, pitch_rad: f64, yaw_rad: f64) -> Matrix3<f64> {
     let (sr, cr) = roll_rad.sin_cos();
     let (sp, cp) = pitch_rad.sin_cos();

@@ -5,7 +5,7 @@
 //! first, and [`masked_like`] takes the filled nodes out again). It is extended past its edges ([`Padding`]),
 //! transformed once ([`Spectrum`]) and multiplied by a factor for each result. A field whose sources are all below is,
 //! at a height `h` above the map, its spectrum times e^(−k h), with `k` the wavenumber in rad/m [Blakely 1996, eq.
-//! 12.8; thesis 000, section 2.3]. Downward, where that grows without bound, the factor is
+//! 12.8; Gnadt 2022, section 2.3]. Downward, where that grows without bound, the factor is
 //! e^(−k h)/(1 + α k² e^(−k h)), with α in m² chosen by an L-curve ([`downward`]).
 //!
 //! The accuracy of a result can be measured: [`edge_error()`] estimates the effect of the unknown field past the edges,
@@ -183,7 +183,7 @@ pub fn check(grid: &PlaneGrid) -> Result<(), ContinuationError> {
 }
 
 /// Whether a distance is more than 1/50 of the map's shorter side, beyond which the edges and the map's own errors
-/// show: the command line warns. [thesis 000, section 2.3]
+/// show: the command line warns. [Gnadt 2022, section 2.3]
 pub fn is_far(grid: &PlaneGrid, distance_m: f64) -> bool {
     let side = |axis: &EvenAxis| axis.step * axis.len.saturating_sub(1) as f64;
     50.0 * distance_m.abs() > side(&grid.east_m).min(side(&grid.north_m))

@@ -21,7 +21,7 @@ pub struct Crossings {
 }
 
 /// The root mean square of z − z* over all pairs of samples that are at most 1 m apart horizontally
-/// and more than 1 s apart in time. [thesis 001, (66)]
+/// and more than 1 s apart in time. [Lee 2019, (66)]
 ///
 /// `north_m` and `east_m` are local positions in metres, `z` measurements in any unit, `tt` seconds;
 /// samples with a value that is not finite are left out. Every pair counts once.

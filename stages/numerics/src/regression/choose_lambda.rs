@@ -102,7 +102,7 @@ pub fn by_generalised_cross_validation(points: &[LambdaPoint]) -> Option<usize> 
     defined.min_by(|&a, &b| points[a].generalised.total_cmp(&points[b].generalised))
 }
 
-/// The index of the point at the corner, thesis 004's choice; `None` where the curve has no corner. Where the true
+/// The index of the point at the corner, van der Meer 2025's choice; `None` where the curve has no corner. Where the true
 /// coefficients are smooth it is weaker than the best ridge, by one or two decades of λ.
 pub fn by_l_curve(points: &[LambdaPoint]) -> Option<usize> {
     let bent = (0..points.len()).filter(|&k| points[k].curvature > 0.0);

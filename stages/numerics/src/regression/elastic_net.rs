@@ -1,7 +1,7 @@
 //! The elastic net: least squares with a penalty on the size and on the number of coefficients.
 //!
 //! The minimum of ‖y − A b‖²/(2n) + α ρ ‖b‖₁ + α (1 − ρ) ‖b‖²/2 over the coefficients b of the
-//! scaled columns, scikit-learn's and glmnet's objective; thesis 000 (3.31)-(3.32) writes it with
+//! scaled columns, scikit-learn's and glmnet's objective; Gnadt 2022 (3.31)-(3.32) writes it with
 //! λ₁ = 2 n α ρ and λ₂ = n α (1 − ρ). Solved by cyclic coordinate descent on the covariances
 //! [Friedman, Hastie & Tibshirani 2010, "Regularization paths for generalized linear models via
 //! coordinate descent", J. Stat. Softw. 33(1)], down the path of α from where all coefficients are
@@ -35,7 +35,7 @@ pub struct ElasticNet {
 }
 
 impl Default for ElasticNet {
-    /// ρ = 0.99 of standardised columns with an intercept, as thesis 000; a gap of 1e-10.
+    /// ρ = 0.99 of standardised columns with an intercept, as Gnadt 2022; a gap of 1e-10.
     fn default() -> Self {
         Self { l1_ratio: 0.99, scaling: Scaling::Standardise, intercept: true, tolerance: 1e-10, sweeps: 100_000 }
     }

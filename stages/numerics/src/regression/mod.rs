@@ -29,7 +29,7 @@
 //! GCV(λ) = n ‖y − A β‖²/(n − d)²
 //! ```
 //!
-//! λ is absolute. Thesis 000 (3.26) has the same solution by normal equations, which square the condition number and
+//! λ is absolute. Gnadt 2022 (3.26) has the same solution by normal equations, which square the condition number and
 //! are not formed here. The other objectives are
 //!
 //! ```text
@@ -39,7 +39,7 @@
 //! recursive     Σᵢ φ^(n−i) (yᵢ − aᵢ β)² + φⁿ Σⱼ ((βⱼ − β₀ⱼ)/σⱼ)²    [Haykin 2002]
 //! ```
 //!
-//! Thesis 000 (3.31) writes the elastic net with λ₁ = 2 n α ρ and λ₂ = n α (1 − ρ).
+//! Gnadt 2022 (3.31) writes the elastic net with λ₁ = 2 n α ρ and λ₂ = n α (1 − ρ).
 //!
 //! # Example
 //!

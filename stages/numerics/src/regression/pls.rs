@@ -1,6 +1,6 @@
 //! Partial least squares: the few combinations of terms that vary most with the targets.
 //!
-//! Thesis 000 (3.33)-(3.43): of the standardised columns, u is the leading left singular vector of
+//! Gnadt 2022 (3.33)-(3.43): of the standardised columns, u is the leading left singular vector of
 //! the covariances with the targets (3.34), p and q the loadings (3.37)-(3.38), by which columns and
 //! targets are deflated (3.41)-(3.42); after k of them β = U (Pᵀ U)⁻¹ Qᵀ (3.43). scikit-learn's
 //! `PLSRegression(scale=True)` is the same for one target and for several.

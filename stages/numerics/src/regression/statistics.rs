@@ -128,7 +128,7 @@ pub fn drms(north_m: &[f64], east_m: &[f64]) -> Figure {
 }
 
 /// The improvement ratio of compensation: σ(uncompensated)/σ(compensated) over the rows
-/// where both are finite. [thesis 004, (2.40)]
+/// where both are finite. [van der Meer 2025, (2.40)]
 ///
 /// Given band-passed signals it is the band improvement ratio (2.41). The thesis divides by N in
 /// (2.39), which cancels in the ratio.
@@ -139,7 +139,7 @@ pub fn improvement_ratio(uncompensated: &[f64], compensated: &[f64]) -> Figure {
 /// The signal-to-noise ratio σ(anomaly)/σ(estimate − truth) of a magnetic measurement, over the rows where all are
 /// finite.
 /// `anomaly` is the signal part of the truth: the truth less core field and temporal variation, for the gradient of the
-/// core field is not part of the anomaly, and grows with the length of the line. [thesis 000, (3.46)]
+/// core field is not part of the anomaly, and grows with the length of the line. [Gnadt 2022, (3.46)]
 pub fn signal_to_noise(estimate: &[f64], truth: &[f64], anomaly: &[f64]) -> Figure {
     let error: Vec<f64> = estimate.iter().zip(truth).map(|(a, b)| a - b).collect();
     ratio_of_deviations(anomaly, &error)

@@ -87,7 +87,7 @@ fn ref_the_drone_does_what_its_ground_test_showed() {
     let folder = TempDir::new().unwrap();
     let path = spec(&folder, "preset = 'drone'", "", SURVEY);
     let aircraft = Simulation::open(&path).unwrap().spec().aircraft.clone();
-    // Thesis 004, 3.2.3: the lights about 50 nT, steering around 10 nT, the engine around 5 nT.
+    // Van der Meer 2025, 3.2.3: the lights about 50 nT, steering around 10 nT, the engine around 5 nT.
     for (name, published_nt) in [("cur_led", 50.0), ("cur_srvo_a", 10.0), ("cur_batt", 5.0)] {
         let index = aircraft.currents.iter().position(|c| c.name == name).unwrap();
         let (off_a, on_a) = aircraft.currents[index].off_on_a;

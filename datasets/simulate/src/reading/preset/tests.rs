@@ -32,7 +32,7 @@ fn law_every_preset_is_a_whole_aircraft() {
 
 #[test]
 fn ref_cessna_has_the_fields_of_table_a1() {
-    // Thesis 000, Table A.1: currents and voltages; the table prints vol_servo where the files have vol_srvo.
+    // Gnadt 2022, Table A.1: currents and voltages; the table prints vol_servo where the files have vol_srvo.
     let fields = "cur_com_1 cur_ac_hi cur_ac_lo cur_tank cur_flap cur_strb cur_srvo_o cur_srvo_m cur_srvo_i cur_heat \
                   cur_acpwr cur_outpwr cur_bat_1 cur_bat_2 vol_acpwr vol_outpwr vol_bat_1 vol_bat_2 vol_res_p \
                   vol_res_n vol_back_p vol_back_n vol_gyro_1 vol_gyro_2 vol_acc_p vol_acc_n vol_block vol_back \

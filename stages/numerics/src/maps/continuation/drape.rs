@@ -55,7 +55,7 @@ impl Default for Drape {
 ///
 /// `drape_m` are the heights of the nodes, by rows as the map's values, in the frame of `level_m`. The level is
 /// continued to heights a step apart, from one transform, and each node interpolated between them [Cordell
-/// 1985; thesis 000, section 2.3]. A node more than `down_max_m` below the level is NaN.
+/// 1985; Gnadt 2022, section 2.3]. A node more than `down_max_m` below the level is NaN.
 ///
 /// # Errors
 /// Fails as [`Spectrum::new`], and with [`ContinuationError::DrapeHeights`], [`ContinuationError::TooManyLevels`],

@@ -395,7 +395,7 @@ pub enum LineScore {
     #[default]
     MeanSquare,
     /// The variance (with n) of the error: an offset of the line does not count, as in the error
-    /// that thesis 000 reports.
+    /// that Gnadt 2022 reports.
     Variance,
 }
 

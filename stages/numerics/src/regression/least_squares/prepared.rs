@@ -197,7 +197,7 @@ impl Prepared {
     }
 
     /// Ridge fits of all targets for all lambdas: min ‖y − A β‖² + λ ‖b‖² with b the coefficients of
-    /// the scaled columns; thesis 004 (2.31)-(2.32) and its column scaling β = b / s.
+    /// the scaled columns; van der Meer 2025 (2.31)-(2.32) and its column scaling β = b / s.
     ///
     /// Coefficients, intercepts and covariances are in the columns' own units; singular values and
     /// condition number are those of the scaled matrix.
