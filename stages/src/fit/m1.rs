@@ -11,7 +11,7 @@ model! {
     /// A network predicts the target from standardised inputs: N(x). It requires hours of data to outperform linear
     /// models. It does not generalise to attitudes and currents outside its training data.
     ///
-    /// Source: Gnadt 2022, section 4.2, model 1; Gnadt 2022.
+    /// Source: Gnadt 2022, section 4.2, model 1; Gnadt, Wollaber & Nielsen 2022.
     M1 = "m1", version 1, scaling Standardise, intercept true, made of Samples, choose [Given], takes [whiten],
     groups [network: Network], example "epochs = 5";
 }
