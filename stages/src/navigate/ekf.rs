@@ -19,6 +19,10 @@ filter! {
     /// The 18-state extended Kalman filter: position, velocity, tilt, accelerometer and gyro biases, barometer loop,
     /// and temporal variation. The map is linearised at the estimated position of each sample.
     ///
+    /// With `tuning = "auto"` the innovation variance includes the map's curvature over the position's uncertainty, by
+    /// second-order divided differences [Nørgaard, Poulsen & Ravn 2000]. Without it, the first updates after a coarse
+    /// start reduce the covariance too far.
+    ///
     /// Source: Gnadt 2022, section 5.3, with F and H verified by finite differences and the process noise discretised.
     Ekf = "ekf", version 3, groups [aiding: Aiding, further: Further], example "discretisation = \"trapezoidal\"";
     /// Appends the state `x` and its covariance `p` (row-major).

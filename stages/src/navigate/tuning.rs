@@ -21,7 +21,7 @@ choice! {
     /// Source of unset parameters.
     pub enum Tuning {
         /// Noise from the likelihood of each line's innovations, rejection of outliers, and map continued to the flight
-        /// heights.
+        /// heights. The curvature of the map over the position's uncertainty counts as noise of the measurement.
         Auto = "auto",
         /// Defaults of MagNav.jl, no gate, and the map at its own height.
         Magnav = "magnav",
