@@ -386,7 +386,7 @@ mod tests {
             ("lat_dms", "lat", "deg", "dms"),
             ("vd_ft/day", "vd", "m/s", "ft/day"),
             ("vd_furlongs_per_fortnight", "vd", "m/s", "furlongs_per_fortnight"),
-            ("mag_kT", "mag_4_uc", "nT", "kT"),
+            ("mag_kgauss", "mag_4_uc", "nT", "kgauss"),
             ("mag_counts", "mag_4_uc", "nT", "counts"),
         ] {
             assert_eq!(of(name, ours, wanted), Err(Unsettled::Other(unit.into())), "{name}");
