@@ -122,7 +122,7 @@ fn sweep(grid: &GeographicGrid, flight: &Flight) -> Result<(), Failure> {
     let alone = || together.iter().map(|point| point.stage.run(point.line, point.prepared)).collect::<Vec<_>>();
     let (mut times, mut answers) = ([const { vec![] }; 2], [vec![], vec![]]);
     for _ in 0..REPEATS {
-        // In turn, so that whatever else the machine does falls on both.
+        // In turn, so that other load of the machine falls on both.
         let (alone_s, one) = processor_s(alone);
         let (together_s, all) = processor_s(|| first.run_points(&together));
         times[0].push(alone_s);

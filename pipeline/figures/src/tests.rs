@@ -270,7 +270,7 @@ fn unit_a_longitude_of_another_turn_is_the_same_track() {
 
 #[test]
 fn unit_maps_of_all_shapes_stay_on_the_paper() {
-    let title = "a very long title that goes on and on ".repeat(12) + &"x".repeat(300);
+    let title = "a very long title that takes many words ".repeat(12) + &"x".repeat(300);
     for (columns, rows, width_px) in
         [(2, 2, 1600), (1, 1, 200), (300, 2, 800), (2, 300, 800), (400, 40, 200), (40, 400, 300), (1000, 3, 1600)]
     {

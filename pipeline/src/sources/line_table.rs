@@ -299,7 +299,7 @@ mod tests {
         assert_eq!((kept(vec![86_397.0, 86_398.0, 86_399.0]), kept(vec![1.0, 2.0, 3.0])), (2, 2));
         let mut other = table.divider();
         let kept = other.divide(&rows(vec![86_399.0, 86_401.0, 86_403.0]), &[]).unwrap().0;
-        assert_eq!(kept.num_rows(), 2, "a log that goes on itself");
+        assert_eq!(kept.num_rows(), 2, "a log that continues by its own clock");
     }
 
     #[test]

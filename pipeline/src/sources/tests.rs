@@ -57,7 +57,7 @@ fn unit_the_lines_of_a_file_are_the_same_on_any_number_of_threads() {
     let of = |threads: usize| {
         let store = Store::open(&folder.path().join(format!("store{threads}"))).unwrap();
         let (lines, told) = ingested(folder.path(), &store, threads);
-        assert_eq!(told, (1..=20).collect::<Vec<_>>(), "each line is told of once, in order");
+        assert_eq!(told, (1..=20).collect::<Vec<_>>(), "each line is reported once, in order");
         lines
     };
     let one = of(1);

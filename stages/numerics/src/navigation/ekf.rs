@@ -188,6 +188,8 @@ fn packed<'a, S: Simd>(simd: S, filters: Vec<Filter<'a>>, model: &StepModel, ins
 #[cfg(test)]
 mod aided_tests;
 #[cfg(test)]
+mod curvature_tests;
+#[cfg(test)]
 mod tests;
 #[cfg(test)]
 mod together_tests;

@@ -99,7 +99,7 @@ fn user_two_runs_in_a_bucket_of_google_exclude_each_other_and_whoever_publishes_
         if asked.writes_pack() && !gate.load(Ordering::SeqCst) { Fault::Status(503) } else { Fault::None }
     });
     let first = lab.begun(&at, USERS[0], &lab.cache(), &[]);
-    until("the first run is at work", || lab.server.asked().iter().any(Asked::writes_pack));
+    until("the first run writes", || lab.server.asked().iter().any(Asked::writes_pack));
     let second = ended(lab.begun(&at, USERS[1], &lab.cache(), &[]));
     assert_eq!(second.code, 3, "{}", second.err);
     open.store(true, Ordering::SeqCst);

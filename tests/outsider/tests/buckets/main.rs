@@ -207,7 +207,7 @@ fn user_two_runs_at_once_compute_each_unit_once() {
         if held { Fault::Status(503) } else { Fault::None }
     });
     let first = lab.begun(&address("one"), USERS[0], &lab.cache(), &[]);
-    until("the first run is at work", || lab.server.asked().iter().any(Asked::writes_pack));
+    until("the first run writes", || lab.server.asked().iter().any(Asked::writes_pack));
     let second = lab.begun(&address("one"), USERS[1], &lab.cache(), &["--wait"]);
     let third = ended(lab.begun(&address("one"), USERS[2], &lab.cache(), &[]));
     assert_eq!(third.code, 3, "{}", third.err);

@@ -149,7 +149,7 @@ fn law_a_point_has_the_same_bits_in_any_company() {
     let all: Vec<EkfPoint<'_>> = owned.iter().map(|point| borrowed(point, &maps, &core)).collect();
     let expected: Vec<NavigationOutput> = all.iter().map(|point| alone(&ins, point).unwrap()).collect();
     let report = |k: usize| expected[k].report;
-    assert!(expected.iter().map(|e| e.report.gated).sum::<usize>() > 20, "the gate is at work");
+    assert!(expected.iter().map(|e| e.report.gated).sum::<usize>() > 20, "the gate rejects");
     assert!(report(1).missing_measurements == 15 && report(1).off_map > 80 && report(1).offset_samples == 10);
     assert_eq!((report(4).missing_measurements, report(0).updates), (ROWS, ROWS));
     for company in 1..=all.len() {

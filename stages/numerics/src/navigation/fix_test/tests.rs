@@ -58,7 +58,7 @@ fn law_a_drift_is_found_within_seconds_and_rejected_from_its_start() {
             assert!((601..=600 + within_s).contains(&alarm), "{speed_mps} m/s: {alarm}");
             let first = rows(&found.rejected)[0];
             assert!((600..alarm).contains(&first) && (first - 600) as f64 * speed_mps < 8.0, "{speed_mps} {first}");
-            assert!(found.rejected[alarm..].iter().all(|rejected| *rejected), "a drift goes on");
+            assert!(found.rejected[alarm..].iter().all(|rejected| *rejected), "a drift continues");
             let held = |row: usize| found.accepted.alt_m[row].is_finite() && found.accepted.lat_deg[row].is_nan();
             assert!((alarm..ROWS as usize).all(held), "the height is right");
         }

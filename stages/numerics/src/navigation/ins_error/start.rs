@@ -2,7 +2,7 @@
 
 use crate::navigation::ins_error::InsErrorModel;
 use crate::navigation::ins_series::InsSeries;
-use crate::navigation::pinson::{ALT, InsPoint, LAT, LON, S, STATES, StateMatrix, VN, pinson_matrix};
+use crate::navigation::pinson::{ALT, InsPoint, LAT, LON, STATES, StateMatrix, VN, pinson_matrix};
 use crate::navigation::strapdown::specific_force_mps2;
 use crate::navigation::transition::{propagate_state, step_covariance, transition_matrix};
 

@@ -123,7 +123,7 @@ fn law_an_ins_lost_by_kilometres_is_found_where_the_kalman_filter_is_not() {
             || out.track.sd_n_m[299].hypot(out.track.sd_e_m[299]) > 200.0;
         unaware += usize::from(error_m(&out.track) >= 60.0 && !told);
     }
-    println!("of {FLIGHTS} found: {found}, by the Kalman filter {by_ekf}; lost without a word: {unaware}");
+    println!("of {FLIGHTS} found: {found}, by the Kalman filter {by_ekf}; lost without a flag: {unaware}");
     assert!(found >= 5 && by_ekf <= 3 && unaware == 0, "{found} {by_ekf} {unaware}");
 }
 
