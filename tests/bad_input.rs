@@ -217,7 +217,7 @@ fn gold_positions_off_the_map_are_counted_and_a_line_wholly_off_fails() {
     let failed = failures(&bench);
     assert_eq!(failed.len(), 8, "{failed:?}");
     assert!(failed.iter().all(|f| f.0 == "1.03" && f.1 == "track"));
-    assert!(failed[0].2.contains("does the map cover the flight?"), "{}", failed[0].2);
+    assert!(failed[0].2.contains("check that the map covers the flight"), "{}", failed[0].2);
     let scores = read(&bench.path("store/tables/small/scores"));
     let (lines, metrics, values) = (texts(&scores, "line"), texts(&scores, "metric"), numbers(&scores, "value"));
     let off: Vec<f64> = (0..values.len())

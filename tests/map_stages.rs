@@ -112,7 +112,7 @@ fn user_what_a_map_warns_of_is_in_the_warnings() {
         for i in of_map {
             assert_eq!(texts(&warnings, "stage")[i], "gridded");
             let text = &texts(&warnings, "text")[i];
-            assert!(text.starts_with("1 point is far from all others and left out"), "{text}");
+            assert!(text.starts_with("1 point is far from all others and omitted"), "{text}");
             assert!(text.contains("row 0 of line survey 7 at latitude -5.00000, longitude 9.94000"), "{text}");
         }
         assert!(done.last["warnings"].to_string().contains("far from all others"), "{}", done.last);
