@@ -289,7 +289,7 @@ mod tests {
     #[test]
     fn law_what_cannot_be_told_is_refused() {
         let said = |c: &[f64], r: &[f64], a: &[f64]| anomaly_retention(c, r, a).unwrap_err().to_string();
-        assert!(said(&[1.0], &[1.0, 2.0], &[1.0]).contains("not 1, 2 and 1 samples"));
+        assert!(said(&[1.0], &[1.0, 2.0], &[1.0]).contains("they have 1, 2 and 1 samples"));
         assert!(said(&[1.0, f64::NAN, 3.0], &[0.0; 3], &[1.0, 2.0, 3.0]).contains("2 rows have all three values"));
         assert!(said(&[1.0, 2.0, 3.0], &[0.0; 3], &[7.0; 3]).contains("the anomaly is 7 nT in all rows"));
     }

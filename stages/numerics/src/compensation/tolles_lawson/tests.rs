@@ -160,7 +160,7 @@ fn r12_bad_requests_are_named() {
     let error = |names: &[&str]| Terms::new(names).unwrap_err().to_string();
     assert!(error(&["permanant"]).contains("`permanant`; the groups are permanent, induced"));
     assert!(error(&["induced", "i3"]).contains("`induced` and `induced3`"));
-    assert!(error(&[]).contains("no group"));
+    assert!(error(&[]).contains("the list of groups of terms is empty"));
     let short = Field { x: &[1.0], y: &[1.0, 2.0], z: &[1.0], bt: None };
     let error = matrix(&short, &Terms::default(), 50_000.0).unwrap_err();
     assert_eq!(error, TermsError::Lengths { lengths: vec![1, 2, 1] });

@@ -431,7 +431,7 @@ fn law_bad_parameters_and_lines_are_refused_in_words() {
     assert_eq!(message(all(), bounds(1.0, f64::INFINITY)), "`sigma_max_nt` must be above 0, not inf");
     assert_eq!(message(all(), bounds(2.0, 1.0)), "`sigma_max_nt` must be at least `sigma_min_nt` = 2, not 1");
     let short = Magnetometer { sigma_nt: &[1.0], ..usual };
-    assert_eq!(message(all(), short), "column `measurement sigma` has 1 rows, `tt` has 20");
+    assert_eq!(message(all(), short), "column `measurement sigma` has 1 rows, but `tt` has 20");
 }
 
 #[test]

@@ -200,7 +200,7 @@ fn law_bad_paths_are_refused_in_words() {
     let line = line.line(&ins, &map, InsErrorModel::default());
     let message = |path: &TruePath<'_>| run(&line, path, false).unwrap_err().to_string();
     let usual = path_of(&ins);
-    assert_eq!(message(&TruePath { lon_deg: &[1.0], ..usual }), "column `lon` has 1 rows, `tt` has 20");
+    assert_eq!(message(&TruePath { lon_deg: &[1.0], ..usual }), "column `lon` has 1 rows, but `tt` has 20");
     let mut gap = ins.lat_deg.to_vec();
     gap[7] = f64::NAN;
     let found = message(&TruePath { lat_deg: &gap, ..usual });
@@ -209,5 +209,5 @@ fn law_bad_paths_are_refused_in_words() {
     let found = message(&TruePath { lat_deg: &gap, ..usual });
     assert!(found.starts_with("column `lat` is 90 degrees in row 7"), "{found}");
     let velocity_ned_mps = Some([ins.vn_mps, ins.ve_mps, &[]]);
-    assert_eq!(message(&TruePath { velocity_ned_mps, ..usual }), "column `vd` has 0 rows, `tt` has 20");
+    assert_eq!(message(&TruePath { velocity_ned_mps, ..usual }), "column `vd` has 0 rows, but `tt` has 20");
 }

@@ -297,10 +297,10 @@ fn law_bad_lines_are_refused_in_words() {
     assert_eq!(message(&line), "time does not ascend: `tt` is 0.2 s in row 3 after 0.2 s");
     let mut line = Line::golden();
     line.measurement_nt.pop();
-    assert_eq!(message(&line), "column `measurement` has 19 rows, `tt` has 20");
+    assert_eq!(message(&line), "column `measurement` has 19 rows, but `tt` has 20");
     let mut line = Line::golden();
     line.columns[9].pop();
-    assert_eq!(message(&line), "column `ins_fd` has 19 rows, `tt` has 20");
+    assert_eq!(message(&line), "column `ins_fd` has 19 rows, but `tt` has 20");
     let empty = Line { columns: Default::default(), measurement_nt: Vec::new() };
     assert_eq!(message(&empty), "the line has 0 sample(s); at least 1 are required");
     let mut line = Line::golden();

@@ -386,5 +386,5 @@ fn law_bad_parameters_and_lines_are_refused_in_words() {
     assert!(refused(&|line| line.columns[5][12] = f64::NAN).starts_with("column `ins_ve` is NaN in row 12"));
     assert!(refused(&|line| line.columns[0][3] = 0.2).starts_with("time does not ascend"));
     assert!(refused(&|line| line.columns[7][11] = 1e200).starts_with("the filter diverged at row 12"));
-    assert_eq!(refused(&|line| line.sigma_nt.truncate(3)), "column `measurement sigma` has 3 rows, `tt` has 20");
+    assert_eq!(refused(&|line| line.sigma_nt.truncate(3)), "column `measurement sigma` has 3 rows, but `tt` has 20");
 }

@@ -172,7 +172,7 @@ fn law_bad_input_is_refused_in_words() {
     bad = CoefficientPrior::independent(&[0.0; 18], &[1e8; 18]);
     assert!(message(Magnetometer { prior: &bad, ..good }).starts_with("the prior of the aircraft's field is too wide"));
     let words = message(Magnetometer { sigma_nt: &flight.sigma_nt[0][1..], ..good });
-    assert_eq!(words, "column `measurement sigma` has 229 rows, `tt` has 230");
+    assert_eq!(words, "column `measurement sigma` has 229 rows, but `tt` has 230");
     assert_eq!(run(&line, &[], None, &ALL).unwrap_err().to_string(), "no magnetometer is given");
     let gate = OnlineParameters { gate_nis: Some(0.0), ..ALL };
     assert_eq!(run(&line, &[good], None, &gate).unwrap_err().to_string(), "`gate_nis` must be above 0, not 0");
