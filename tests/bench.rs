@@ -182,7 +182,7 @@ fn user_what_is_no_answer_is_refused_with_its_place() {
         (changed(&whole, "mag_4_comp", |_, x| x * 1000.0), "the value is probably in pT"),
         (changed(&whole, "mag_4_comp", |_, x| x * 1e-9), "the value is probably in T"),
         (changed(&changed(&whole, "lat", |_, x| x.to_radians()), "lon", |_, x| x.to_radians()), "in radians"),
-        (changed(&whole, "lat", |i, x| if i == 2 { 95.0 } else { x }), "95 cannot be a latitude"),
+        (changed(&whole, "lat", |i, x| if i == 2 { 95.0 } else { x }), "95 is not a latitude"),
         (changed(&whole, "tt", |_, x| x + 0.03), "has no sample at tt"),
         (changed(&whole, "mag_4_comp", |_, _| 51_000.0), "the prediction is 51000 in all"),
         (changed(&whole, "lon", |_, _| 140.7), "the prediction is 140.7 in all"),

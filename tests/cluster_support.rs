@@ -117,7 +117,9 @@ impl Cluster {
             .spawn()
             .unwrap();
         self.workers.push((child, receipts));
-        until("a worker has registered", || fs::read_to_string(&said).unwrap().contains("registered with the scheduler"));
+        until("a worker has registered", || {
+            fs::read_to_string(&said).unwrap().contains("registered with the scheduler")
+        });
     }
 
     /// Kills a worker as the system does when memory is short.

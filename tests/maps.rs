@@ -296,8 +296,8 @@ fn r10_what_cannot_be_is_refused_before_work() {
     let low = grid(&bench, &["-o", "grid.parquet", "--level", "20"]);
     assert_eq!(low.status.code(), Some(2));
     let said = stderr(&low);
-    assert!(said.contains("20 m high is not available") && said.contains("say `--level-m "), "{said}");
-    let least = said.split("say `--level-m ").nth(1).and_then(|t| t.split('`').next()).unwrap().to_owned();
+    assert!(said.contains("20 m high is not available") && said.contains("set `--level-m "), "{said}");
+    let least = said.split("set `--level-m ").nth(1).and_then(|t| t.split('`').next()).unwrap().to_owned();
     fine(&grid(&bench, &["-o", "grid.parquet", "--level", &least]));
 }
 

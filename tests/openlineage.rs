@@ -250,7 +250,7 @@ fn user_openlineage_goes_to_a_server_and_a_server_that_is_gone_fails_nothing() {
     assert_eq!(bodies.last().unwrap().1["eventType"], "COMPLETE");
     let (output, bodies) = sent("400 Bad Request", "two");
     assert!(output.status.success(), "{}", stderr(&output));
-    assert!(stderr(&output).contains("warning: OpenLineage events are lost: 6 of them"), "{}", stderr(&output));
+    assert!(stderr(&output).contains("warning: OpenLineage events are lost: 6 events"), "{}", stderr(&output));
     // It is not asked again and again.
     assert_eq!(bodies.len(), 3);
     let closed = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();

@@ -304,9 +304,9 @@ fn r10_sql_refuses_places_and_dates_that_do_not_exist() {
     assert_eq!(bench.run(&[]).code, 0);
     let ask = |call: &str| bench.magline(&["sql", &format!("SELECT {call} AS f"), "--format", "csv"]);
     for (call, says) in [
-        ("igrf(2603.0, 10.0, 0.0, 2020.0)", "2603.0 is not a latitude: -90 to 90 deg"),
+        ("igrf(2603.0, 10.0, 0.0, 2020.0)", "2603.0 is not a latitude; the range is -90 to 90 deg"),
         ("wmm(-100.0, 10.0, 0.0, 2020.0)", "-100.0 is not a latitude"),
-        ("igrf_n(45.0, 500.0, 0.0, 2020.0)", "500.0 is not a longitude: -180 to 360 deg"),
+        ("igrf_n(45.0, 500.0, 0.0, 2020.0)", "500.0 is not a longitude; the range is -180 to 360 deg"),
         ("igrf(45.0, 10.0, 1e300, 2020.0)", "1e300 is not a height"),
         ("igrf(45.0, 10.0, 0.0, 1200.0)", "1200"),
         ("igrf(45.0, 10.0, 0.0, 2600.0)", "covers the years 1900 to 2030"),

@@ -93,7 +93,7 @@ fn user_points_without_heights_are_gridded_by_minimum_curvature() {
     };
     let refused = grid(&[]);
     assert!(!refused.status.success());
-    for part in ["none of 720 points is left to grid", "--method minimum_curvature", "--height"] {
+    for part in ["none of 720 points remains to grid", "--method minimum_curvature", "--height"] {
         assert!(stderr(&refused).contains(part), "{part}: {}", stderr(&refused));
     }
     for more in [&["--method", "minimum_curvature"][..], &["--method", "minimum_curvature", "--level-lines"]] {

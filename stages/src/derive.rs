@@ -250,7 +250,7 @@ mod tests {
         assert!(of(&[("x", "mag_4_uc * alt")], &[]).contains("`units = { x = \"nT\" }`"));
         assert!(of(&[("x", "mag_4_uc - mag_5_uc")], &[("x", "T")]).ends_with("[units]"));
         assert!(of(&[("x", "mag_4_uc")], &[("xx", "nT")]).contains("`units` names `xx`"));
-        assert!(of(&[("mag_7_uc", "mag_4_uc / mag_5_uc")], &[]).contains("a column of that name is in nT"));
+        assert!(of(&[("mag_7_uc", "mag_4_uc / mag_5_uc")], &[]).contains("the column that it replaces is in nT"));
         assert!(of(&[("tt", "mag_4_uc")], &[]).contains("cannot be replaced"));
         assert!(of(&[("x y", "mag_4_uc")], &[]).contains("not a valid column name"));
         assert!(of(&[("x", "mag_4_uc > 3")], &[]).contains("case when"));

@@ -345,7 +345,7 @@ mod tests {
         assert!(refused(continued(None, None), &map(), None).contains("no continuation and no derivative"));
         assert!(refused(continued(None, None), &map(), Some(&map())).contains("one height"));
         let draped = AnomalyGrid { height: Height::Cells(vec![LEVEL_M; NODES * NODES]), ..map() };
-        assert!(refused(continued(None, Some(Along::Up)), &draped, None).contains("no derivative"));
+        assert!(refused(continued(None, Some(Along::Up)), &draped, None).contains("cannot be differentiated"));
         assert!(refused(continued(None, None), &draped, Some(&draped)).contains("the map is draped"));
         assert!(refused(continued(Some(1.0), None), &map(), Some(&draped)).contains("exclude"));
         let mut shifted = draped.clone();

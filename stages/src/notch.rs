@@ -145,7 +145,7 @@ mod tests {
     fn unit_a_harmonic_that_cannot_be_told_from_the_signal_is_refused() {
         let lines = table(&[("tt", "s"), ("x", "nT")], Some(10.0));
         let fault = said(notch(50.0).yields(&[&lines]).unwrap_err());
-        assert!(fault.contains("50 Hz is at 0.000 Hz") && fault.ends_with("[harmonics]"), "{fault}");
+        assert!(fault.contains("50 Hz has its alias at 0.000 Hz") && fault.ends_with("[harmonics]"), "{fault}");
         assert!(run(&notch(50.0), 100.0, |t| t).unwrap_err().what.contains("the Nyquist frequency"));
         let once = Notch { harmonics: 4, ..notch(40.0) }.aliases(150.0).unwrap();
         // 40, 80 (70), 120 (30) and 160 (10).

@@ -181,7 +181,7 @@ fn bug_a_packed_gxf_that_declares_much_is_refused() {
     // One run of 9 characters over 3.6e9 nodes.
     let text = "#POINTS\n60000\n#ROWS\n60000\n#PTSEPARATION\n100\n#RWSEPARATION\n100\n#GTYPE\n8\n#GRID\n\"%%%%%%%\n";
     let said = read_grid(&case.file("run.gxf", text.as_bytes()), &MapOptions::default()).unwrap_err().to_string();
-    assert!(said.contains("run.gxf") && said.contains("60000 x 60000 cells declared"), "{said}");
+    assert!(said.contains("run.gxf") && said.contains("it declares 60000 x 60000 nodes"), "{said}");
 }
 
 /// A flight of MagNav.jl with a magnetometer stored as whole numbers.

@@ -199,7 +199,7 @@ fn gold_awkward_texts() {
     }
     let gxf = |more: &str| format!("#POINTS\n2\n#ROWS\n2\n{more}#GRID\n1 2\n3 4\n");
     assert!(said("a.gxf", &gxf("#ROTATION\n30\n")).contains("the grid is rotated (warp the grid to north-up"));
-    assert!(said("a.gxf", &gxf("#SENSE\n7\n")).ends_with("#SENSE 7 is none"));
+    assert!(said("a.gxf", &gxf("#SENSE\n7\n")).ends_with("#SENSE 7 is invalid"));
     assert!(said("a.gxf", "#POINTS\n2\n#ROWS\n2\n").ends_with("it has no #GRID"));
     assert!(said("a.gxf", "#POINTS\n2\n#ROWS\n2\n#GTYPE\n2\n#GRID\n\"\"~~%%\n").ends_with("is longer than the grid"));
     for (text, expected) in [

@@ -92,7 +92,7 @@ mod val_other_programs {
             ("gdal.xyz", "xyz"),
         ] {
             let fault = read_grid(&folder().join(name), &MapOptions::default()).unwrap_err().to_string();
-            assert!(fault.contains("give `epsg`"), "{name}: {fault}");
+            assert!(fault.contains("set `epsg`"), "{name}: {fault}");
             assert_eq!(check(name, false, &epsg(32630)).format, format, "{name}");
         }
         let pixel = check("gmt_old_pixel.grd", false, &epsg(32630));

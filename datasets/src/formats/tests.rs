@@ -377,7 +377,7 @@ fn r12_positions_in_radians_are_refused() {
         table.push(name, "", crate::table::Values::Number(values));
     }
     let fault = magnav_hdf5::refuse_radians(folder.path(), &table).unwrap_err().to_string();
-    assert!(fault.contains("in radians"), "{fault}");
+    assert!(fault.contains("has radians"), "{fault}");
 }
 
 /// Reads a file as flight or map and says whether that went well; what a reader must not do is panic.

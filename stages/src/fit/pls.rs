@@ -74,7 +74,7 @@ mod tests {
         assert!(found.value.iter().zip(truth).all(|(a, b)| (a - b).abs() < 1e-8 * b.abs()), "{:?}", found.value);
         assert_eq!(found.chosen, 3.0);
         assert!(
-            found.warning.contains("3 components of as many terms are ordinary least squares"),
+            found.warning.contains("3 components for as many terms are ordinary least squares"),
             "{}",
             found.warning
         );

@@ -353,7 +353,7 @@ mod tests {
         assert!(why(&model(2).1, &both, 3, Activation::Swish).contains("is the mean of several networks"));
         let (terms, one) = (named(&["x"]), vec![1.0]);
         let linear = Fitted { terms, values_nt: one.clone(), sigmas_nt: one, rate_hz: None };
-        assert_eq!(why(&linear, &both, 3, Activation::Swish), "the model is no network");
+        assert_eq!(why(&linear, &both, 3, Activation::Swish), "the model is not a network");
     }
 
     #[test]

@@ -44,7 +44,7 @@ fn unit_vectors_of_another_length_are_a_topic_of_their_own() {
 fn unit_what_is_not_read_is_noted() {
     let said = notes(&reference("made.mat"), &topic("log"));
     assert!(
-        said[0].ends_with("not read: `complex` (complex numbers), `log.cells` (a cell array)") && said.len() == 1,
+        said[0].ends_with("ignored: `complex` (complex numbers), `log.cells` (a cell array)") && said.len() == 1,
         "{said:?}"
     );
     for name in [

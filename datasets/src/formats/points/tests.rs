@@ -74,7 +74,7 @@ fn unit_text_with_line_records_is_the_table_with_a_column_of_lines() {
     }
     let missing = write("b.csv", "lon,lat,strength\n1,2,3\n");
     let fault = read_points(&missing, &PointOptions::default()).unwrap_err().to_string();
-    assert!(fault.contains("the columns are lon, lat, strength"), "{fault}");
+    assert!(fault.contains("the columns lon, lat, strength"), "{fault}");
     let lost = write("c.csv", "lon,lat,mag\n1,2,3\n,2,4\n");
     let lost = read_points(&lost, &PointOptions::default()).unwrap();
     assert!(lost.len() == 1 && lost.notes.iter().any(|n| n.starts_with("1 points without a position")));

@@ -70,7 +70,7 @@ fn unit_units_of_coordinates_in_every_format() {
     both[15] = 32754;
     let fault = west(&tiff(&[image(&both)]), "m.tif", &MapOptions::default()).unwrap_err();
     assert!(
-        fault.contains("in US survey feet, but EPSG:32754") && fault.contains("`epsg` = 32754 confirms"),
+        fault.contains("in US survey feet, but EPSG:32754") && fault.contains("`epsg` = 32754 to confirm"),
         "{fault}"
     );
 

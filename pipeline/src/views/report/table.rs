@@ -23,7 +23,7 @@ pub fn section(source: &Source, board: &Board, by_line: Vec<Markup>) -> Markup {
     html! {
         section id=(format!("scores-{name}")) {
             h2 { "Scores" @if name != "scores" { ": " (name) } }
-            p.lead { (points) (if points == 1 { " point of the sweep" } else { " points of the sweep" }) " over " (over)
+            p.lead { (points) (if points == 1 { " point of the sweep, " } else { " points of the sweep, " }) (over)
                 ". Errors are pooled as root mean squares, ratios as means, both weighted by samples."
                 @if in_sample { " Values with a " strong { "~" } " are in sample: the lines were used by a model, \
                     noise or map, or to choose a parameter. They are never the best." }

@@ -259,7 +259,7 @@ fn unit_what_cannot_be_explained_is_refused() {
     assert!(fault(&rows, &[(0..5).collect(), vec![]], 2).contains("group 1 has no columns"));
     assert!(fault(&rows, &[], 2).contains("groups"));
     assert!(fault(&rows, &each_alone(5), 1).contains("at least 2"));
-    assert!(fault(&rows[1..], &each_alone(5), 2).contains("needed"));
+    assert!(fault(&rows[1..], &each_alone(5), 2).contains("required"));
     let mut holed = rows.clone();
     holed[7] = f64::NAN;
     assert!(fault(&holed, &each_alone(5), 2).contains("row 1, column 2"));

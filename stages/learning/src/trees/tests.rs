@@ -154,7 +154,7 @@ fn unit_what_cannot_be_trained_on_is_refused() {
     let how = Boosting::default();
     let fault = |x: &[f64], y: &[f64], how: &Boosting| boost(x, 8, y, how, None, &mut on).unwrap_err().to_string();
     assert!(fault(&x, &y[1..], &how).contains("199 entries"), "{}", fault(&x, &y[1..], &how));
-    assert!(fault(&x[3..], &y, &how).contains("needed"));
+    assert!(fault(&x[3..], &y, &how).contains("require"));
     assert!(fault(&x, &y, &Boosting { leaves: 1, ..how.clone() }).contains("leaves must be at least 2"));
     assert!(fault(&x, &y, &Boosting { subsample: 0.0, ..how.clone() }).contains("above 0"));
     assert!(fault(&x, &y, &Boosting { learning_rate: f64::NAN, ..how.clone() }).contains("learning rate"));

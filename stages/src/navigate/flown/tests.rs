@@ -105,8 +105,11 @@ fn law_points_together_answer_as_each_alone() {
             (alone, answer) => panic!("{alone:?} {answer:?}"),
         }
     }
-    let expected =
-        ["no sample could be used: 300 without a measurement", "the line has no column", "belong to another stage"];
+    let expected = [
+        "no sample could be used: 300 without a measurement",
+        "the line has no column",
+        "the data belong to another stage",
+    ];
     assert!(
         faults.iter().zip(expected).all(|(fault, words)| fault.starts_with(words)) && faults.len() == 3,
         "{faults:?}"
