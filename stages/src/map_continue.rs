@@ -347,7 +347,7 @@ mod tests {
         let draped = AnomalyGrid { height: Height::Cells(vec![LEVEL_M; NODES * NODES]), ..map() };
         assert!(refused(continued(None, Some(Along::Up)), &draped, None).contains("cannot be differentiated"));
         assert!(refused(continued(None, None), &draped, Some(&draped)).contains("the map is draped"));
-        assert!(refused(continued(Some(1.0), None), &map(), Some(&draped)).contains("exclude"));
+        assert!(refused(continued(Some(1.0), None), &map(), Some(&draped)).contains("cannot be combined"));
         let mut shifted = draped.clone();
         shifted.x.first += STEP_M;
         assert!(refused(continued(None, None), &map(), Some(&shifted)).contains("not on the grid of the input map"));
