@@ -175,7 +175,7 @@ fn user_without_a_held_out_line_no_point_is_the_best() {
     let page = fs::read_to_string(bench.path("report.html")).unwrap();
     let body = &page[page.find("id=\"scores-scores\"").unwrap()..page.find("id=\"plan\"").unwrap()];
     assert!(!body.contains("n best") && !body.contains("The best point") && body.contains(" ~</td>"), "{body}");
-    assert!(body.contains("are in sample: the lines were used by a model") && body.contains("4 of 4"), "{body}");
+    assert!(body.contains("every point is in sample") && body.contains("4 of 4"), "{body}");
 }
 
 /// A second model, fitted to what the first one leaves on other lines.

@@ -73,7 +73,7 @@ pub fn subjects(source: &Source, boards: &[Board]) -> Vec<Subject> {
     }
     // Points that cannot be the best come last in the ranking: is the first one such, all are.
     let first = match (board.scores.is_in_sample(*best, metric), board.marked(*best)) {
-        (true, _) => "The best point in detail: every point is in sample",
+        (true, _) => "The closest fit in detail: every point is in sample",
         (false, 0) => "The best point in detail",
         (false, _) => "The best of the flagged points in detail: every point is flagged",
     };
