@@ -48,7 +48,8 @@ impl<'a> PredictedField<'a> {
         self.at(lat_deg, lon_deg, ins.alt_m[row] + error[2])
     }
 
-    /// The [`remainder_nt2`] of the field over the uncertainty of a position; 0 without [`PredictedField::with_second_order`].
+    /// Variance, in nT², of the field beyond its slope over the uncertainty of a position. 0 without
+    /// [`PredictedField::with_second_order`].
     #[inline]
     pub fn curvature_nt2(
         &mut self,
