@@ -38,7 +38,7 @@ fn seconds(x: f64) -> Option<f64> {
     let whole = x.floor();
     let (hours, minutes, s) = ((whole / 1e4).floor(), (whole / 100.0).floor() % 100.0, whole % 100.0);
     let fits = x >= 0.0 && hours < 24.0 && minutes < 60.0 && s < 60.0;
-    fits.then(|| 3600.0 * hours + 60.0 * minutes + s + (x - whole))
+    fits.then_some(3600.0 * hours + 60.0 * minutes + s + (x - whole))
 }
 
 /// The `format` with which a mapping reads the numbers: of hours and minutes where they could be such.

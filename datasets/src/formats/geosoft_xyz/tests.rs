@@ -40,8 +40,10 @@ fn ref_an_export_of_oasis_montaj() {
     assert!(mag[0] == 54_321.12 && mag[1].is_nan() && mag[2].is_nan() && mag[3] == 54_000.5, "{mag:?}");
 }
 
-/// The rows of each line, and the faults with the lines of their rows.
-fn lines_of(text: &str) -> (Vec<(String, usize)>, Vec<(String, String)>, Vec<String>) {
+/// The lines with their numbers of rows, the faults with the lines of their rows, and the notes.
+type Lines = (Vec<(String, usize)>, Vec<(String, String)>, Vec<String>);
+
+fn lines_of(text: &str) -> Lines {
     let folder = tempfile::TempDir::new().unwrap();
     let path = folder.path().join("a.xyz");
     fs::write(&path, text).unwrap();
