@@ -50,6 +50,10 @@ pub const SPREAD: &str = "spread";
 /// The column of a published table of scores that holds whether the line is in sample.
 pub const IN_SAMPLE: &str = "in_sample";
 
+/// The meaning of that column in a table that pools the scores of lines.
+pub const POOLED_IN_SAMPLE: &str =
+    "true if a line behind the value is in sample: used by a model, noise or map, or to choose a parameter";
+
 /// Whether a pooled score is that of lines in sample: it is where no held-out line has a value. `held_out` and `in_sample`
 /// are the numbers of lines with a value.
 pub fn is_pooled_in_sample(held_out: usize, in_sample: usize) -> bool {

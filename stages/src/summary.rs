@@ -18,7 +18,7 @@ use schemas::{
 
 use crate::{
     columns::{array, shape},
-    score::{self, IN_SAMPLE, Scorer, is_pooled_in_sample},
+    score::{self, IN_SAMPLE, POOLED_IN_SAMPLE, Scorer, is_pooled_in_sample},
 };
 
 stage! {
@@ -33,9 +33,9 @@ stage! {
     /// search chose by it. `scores_pooled` also pools the lines in sample, where there are others.
     ///
     /// With `train`, the lines that the model was fitted on, there is one more metric: `overfitting_ratio`, the pooled
-    /// `std_error` (without it, the rms of `map_std_error`) of all other lines, in sample or not, over that of these; 1 for a model that is
-    /// as good on new lines as on its own, more for one that overfits. In its resamples training lines and
-    /// other lines are drawn each among themselves.
+    /// `std_error` (without it, the rms of `map_std_error`) of all other lines, in sample or not, over that of these; 1
+    /// for a model that is as good on new lines as on its own, more for one that overfits. In its resamples training
+    /// lines and other lines are drawn each among themselves.
     ///
     /// Source: van der Meer 2025, (2.42) and section 4.1; Efron & Tibshirani 1993, chapter 13.
     Summary = "summary", version 4, grain Survey, inputs [input: Scores],
@@ -63,8 +63,6 @@ pub fn entry(scorers: Vec<&'static Scorer>) -> Entry {
 }
 
 const READS: [&str; 4] = ["metric", "value", "n", score::SPREAD];
-/// The meaning of the column [`IN_SAMPLE`].
-const SEEN: &str = "whether lines in sample are behind it: a model, noise or map saw them, or a search chose by them";
 /// Errors whose ratio between new and training lines is the overfitting ratio, the first that there is.
 const OVERFITTING: [&Metric; 2] = [&score::STD_ERROR.metric, &score::MAP_STD_ERROR.metric];
 /// Metrics that are scored over all lines only.
@@ -95,7 +93,7 @@ impl Stage for Summary {
             made(Column::integer("n", "", "samples or pairs behind it")),
             made(Column {
                 column_type: ColumnType::Other(DataType::Boolean),
-                ..Column::float(IN_SAMPLE, "", SEEN).role(Role::Key)
+                ..Column::float(IN_SAMPLE, "", POOLED_IN_SAMPLE).role(Role::Key)
             }),
         ];
         let mut yields = Yield::append(columns, &READS);

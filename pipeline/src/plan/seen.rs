@@ -7,6 +7,7 @@ use std::{
 
 use schemas::{Fault, Grain, InputKind, TableKind};
 pub use stages::score::IN_SAMPLE;
+use stages::score::POOLED_IN_SAMPLE;
 
 use super::{Graph, LineId, Ref, TableNode, Unit};
 
@@ -18,9 +19,7 @@ impl TableNode {
             Grain::Line if self.entry.yields == TableKind::Scores => {
                 "true if this line was used by a model, noise or map behind the score, or to choose a parameter"
             }
-            Grain::Survey if self.slots.iter().any(|slot| slot.kind == InputKind::Scores) => {
-                "true if a line behind the value is in sample: used by a model, noise or map, or to choose a parameter"
-            }
+            Grain::Survey if self.slots.iter().any(|slot| slot.kind == InputKind::Scores) => POOLED_IN_SAMPLE,
             Grain::Line | Grain::Survey | Grain::Map => return None,
         };
         self.variants.iter().all(|v| v.makes(IN_SAMPLE).is_none()).then_some(meaning)
@@ -28,6 +27,15 @@ impl TableNode {
 }
 
 impl Graph<'_> {
+    /// The lines that each point of the table of scores `t` used, found once.
+    ///
+    /// # Errors
+    /// Fails when the goal of the search selects no line.
+    pub fn seen(&self, t: usize) -> Result<&Seen, Fault> {
+        let seen = self.seen.get(t).ok_or_else(|| Fault::bug("a table that the plan does not have"))?;
+        seen.get_or_init(|| Seen::new(self, t)).as_ref().map_err(Clone::clone)
+    }
+
     /// Whether `line` is in sample of the scores `r`, for a stage that reads their column [`IN_SAMPLE`]; `None` for a table
     /// without that column, or with its own.
     ///
@@ -38,9 +46,7 @@ impl Graph<'_> {
         if self.plan.tables[t].in_sample_meaning().is_none() {
             return Ok(None);
         }
-        let seen = self.seen.get(t).ok_or_else(|| Fault::bug("a table that the plan does not have"))?;
-        let seen = seen.get_or_init(|| Seen::new(self, t)).as_ref().map_err(Clone::clone)?;
-        Ok(Some(seen.has(i, line)))
+        Ok(Some(self.seen(t)?.has(i, line)))
     }
 }
 
@@ -48,7 +54,7 @@ impl Graph<'_> {
 pub struct InSample<'a> {
     graph: &'a Graph<'a>,
     /// Data that the points of each table of scores used.
-    seen: BTreeMap<usize, Seen>,
+    seen: BTreeMap<usize, &'a Seen>,
 }
 
 impl<'a> InSample<'a> {
@@ -64,7 +70,7 @@ impl<'a> InSample<'a> {
         let mut seen = BTreeMap::new();
         for scores in (0..node.len()).filter_map(|i| scores_of(graph, t, i)).map(|(scores, _)| scores) {
             if let Entry::Vacant(new) = seen.entry(scores) {
-                new.insert(Seen::new(graph, scores)?);
+                new.insert(graph.seen(scores)?);
             }
         }
         Ok(Some(InSample { graph, seen }))
@@ -103,7 +109,7 @@ impl Seen {
     ///
     /// # Errors
     /// Fails when the goal of the search selects no line.
-    pub fn new(graph: &Graph, t: usize) -> Result<Seen, Fault> {
+    fn new(graph: &Graph, t: usize) -> Result<Seen, Fault> {
         let node = &graph.plan.tables[t];
         let searched = node.axes.iter().any(|axis| graph.plan.spec.searched.contains(axis));
         let goal = graph.plan.goal()?.filter(|_| searched);

@@ -77,10 +77,10 @@ pub fn tables(plan: &Plan) -> impl Iterator<Item = usize> + '_ {
 pub fn find(graph: &Graph, store: &Store, done: &(dyn Fn(Unit) -> bool + Sync)) -> Result<Vec<Pooled>, Fault> {
     let mut all = vec![];
     for t in tables(graph.plan) {
-        let seen = Seen::new(graph, t)?;
+        let seen = graph.seen(t)?;
         let points = (0..graph.plan.tables[t].len()).into_par_iter();
         let found: Vec<Vec<Pooled>> =
-            points.map(|i| of_point(graph, store, done, (t, i), &seen)).collect::<Result<_, _>>()?;
+            points.map(|i| of_point(graph, store, done, (t, i), seen)).collect::<Result<_, _>>()?;
         all.extend(found.into_iter().flatten());
     }
     Ok(all)
@@ -292,8 +292,7 @@ pub fn mixed(graph: &Graph) -> Result<Vec<String>, Fault> {
         if let Some((seen, all)) = most {
             notes.push(format!(
                 "`{}` pools {seen} lines in sample with {} other lines, so its column `in_sample` is true. Select \
-                 lines \
-                 with a `where` on `line`; `{TABLE}` pools the two groups separately",
+                 lines with a `where` on `line`; `{TABLE}` pools the two groups separately",
                 node.name,
                 all - seen
             ));

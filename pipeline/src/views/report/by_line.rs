@@ -77,7 +77,7 @@ pub fn tables(source: &Source, board: &Board, warnings: &[Warning]) -> Result<Ve
         axes.push(None);
     }
     let marked = board.scores.marked_lines(&node.name, warnings);
-    let seen = Seen::new(source.graph, board.table)?;
+    let seen = source.graph.seen(board.table)?;
     let mut out = vec![];
     for axis in axes {
         let along: Vec<usize> = axis.map_or_else(|| vec![instance], |a| node.grid().along(instance, a).collect());
@@ -90,7 +90,7 @@ pub fn tables(source: &Source, board: &Board, warnings: &[Warning]) -> Result<Ve
         let lines: Vec<LineId> = lines.into_iter().take(ROWS).collect();
         let mut columns = vec![];
         for i in along.into_iter().take(COLUMNS) {
-            columns.push(column(source, board, (metric, axis, i), &lines, (&marked, &seen))?);
+            columns.push(column(source, board, (metric, axis, i), &lines, (&marked, seen))?);
         }
         let name = |l: &LineId| source.graph.lines.get(*l).cloned().unwrap_or_default();
         let point = plan.instance(board.table, instance).point();
