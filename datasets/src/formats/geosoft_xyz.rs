@@ -79,8 +79,7 @@ fn kind(text: &str, width: Option<usize>) -> Kind {
     if text.starts_with('/') {
         return Kind::Comment(words);
     }
-    let borrowed: Vec<&str> = words.iter().map(String::as_str).collect();
-    match read(&borrowed, width) {
+    match read(&words, width) {
         Reads::Record(record) => Kind::Record(record),
         Reads::Unknown => Kind::Unknown(words),
         Reads::No => Kind::Row(words),
@@ -176,8 +175,7 @@ fn scan(path: &Path, missing: &Missing) -> Result<Found, ReadError> {
 
 /// Whether the words would be an unknown line record before a row of three values.
 fn looks_unknown(words: &[String]) -> bool {
-    let borrowed: Vec<&str> = words.iter().map(String::as_str).collect();
-    words.len() == 2 && read(&borrowed, Some(3)) == Reads::Unknown
+    words.len() == 2 && read(words, Some(3)) == Reads::Unknown
 }
 
 /// Narrows the columns of numbers to those that are so in a row.
@@ -211,9 +209,8 @@ impl Found {
     /// The note on texts like line records.
     fn unknown_note(&self) -> Option<String> {
         let (at, words, n) = self.unknown.as_ref()?;
-        let words: Vec<&str> = words.iter().map(String::as_str).collect();
         let more = if *n > 1 { format!("; {n} such lines") } else { String::new() };
-        Some(format!("line {at}: {}; the rows after it are a line that cannot be used{more}", unknown(&words)))
+        Some(format!("line {at}: {}; the rows after it are a line that cannot be used{more}", unknown(words)))
     }
 }
 
@@ -357,9 +354,8 @@ impl Iterator for Rows {
 impl Rows {
     /// Begins a line of a record that is not one, whose rows are of no other line.
     fn begin_unknown(&mut self, words: &[String]) {
-        let borrowed: Vec<&str> = words.iter().map(String::as_str).collect();
         self.now.line = words.join(" ");
-        let fault = ReadError::data(&self.path, unknown(&borrowed)).in_row(self.row);
+        let fault = ReadError::data(&self.path, unknown(words)).in_row(self.row);
         self.unknown = Some(fault.help(format!("line {} of the file", self.text_line)));
     }
 

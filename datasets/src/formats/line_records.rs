@@ -1,6 +1,9 @@
 //! The line records of Geosoft's XYZ files: `Line 10`, `TIE T5`, or `L10:2` alone, before the rows of each line.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::{
+    borrow::Borrow,
+    collections::{BTreeMap, BTreeSet},
+};
 
 use grids::LineType;
 
@@ -26,12 +29,13 @@ pub(super) enum Reads {
 }
 
 /// Reads the words of a text line of a table with rows of `width` values, where that is known.
-pub(super) fn read(words: &[&str], width: Option<usize>) -> Reads {
+pub(super) fn read<S: Borrow<str>>(words: &[S], width: Option<usize>) -> Reads {
     let digit = |name: &str| name.chars().any(|c| c.is_ascii_digit());
     let other = width.is_some_and(|width| width != words.len());
     let record = |kind, name: &str| Reads::Record(Record { kind, name: name.to_owned() });
     match words {
         [name] => {
+            let name: &str = name.borrow();
             let mut letters = name.chars();
             let kind = letters.next().and_then(LineType::of_letter);
             let number = letters.next().is_some_and(|c| c.is_ascii_digit());
@@ -42,12 +46,15 @@ pub(super) fn read(words: &[&str], width: Option<usize>) -> Reads {
                 None => Reads::No,
             }
         }
-        [word, name, more @ ..] => match LineType::of_word(word) {
-            Some(kind) if more.is_empty() && (digit(name) || other) => record(kind, name),
-            Some(_) if other && digit(name) => Reads::Unknown,
-            None if other && more.is_empty() && is_word(word) && digit(name) => Reads::Unknown,
-            _ => Reads::No,
-        },
+        [word, name, more @ ..] => {
+            let (word, name): (&str, &str) = (word.borrow(), name.borrow());
+            match LineType::of_word(word) {
+                Some(kind) if more.is_empty() && (digit(name) || other) => record(kind, name),
+                Some(_) if other && digit(name) => Reads::Unknown,
+                None if other && more.is_empty() && is_word(word) && digit(name) => Reads::Unknown,
+                _ => Reads::No,
+            }
+        }
         [] => Reads::No,
     }
 }
@@ -57,7 +64,7 @@ fn is_word(text: &str) -> bool {
 }
 
 /// The message on a text like a line record.
-pub(super) fn unknown(words: &[&str]) -> String {
+pub(super) fn unknown<S: Borrow<str>>(words: &[S]) -> String {
     let known: Vec<&str> = LineType::ALL.iter().map(|kind| kind.word()).collect();
     format!("`{}` is not a line record: a record is one of {}, and a name", words.join(" "), known.join(", "))
 }
