@@ -259,12 +259,13 @@ impl<'a, S: Simd> Pack<'a, S> {
         // A lane without a measurement is not corrected; its variance only must not be zero.
         let mut noise_nt2 = [1.0; MOST_LANES];
         for (at, (filter, field)) in self.filters.iter_mut().zip(&fields).enumerate() {
-            if let Some((_, field)) = field {
+            let Some((_, field)) = field else { continue };
+            noise_nt2[at] = filter.variance_nt2(row);
+            if filter.point.parameters.second_order {
                 let error = [LAT, LON, ALT].map(|state| lane::<S>(&self.x[state], at));
                 let of = |[row, column]: [usize; 2]| lane::<S>(&self.p[row][column], at);
                 let covariance = [[LAT, LAT], [LAT, LON], [LON, LON]].map(of);
-                let curvature_nt2 = filter.field.curvature_nt2(ins, row, error, field.value_nt, covariance);
-                noise_nt2[at] = filter.variance_nt2(row) + curvature_nt2;
+                noise_nt2[at] += filter.field.curvature_nt2(ins, row, error, field.value_nt, covariance);
             }
         }
         let variance = from_lanes(simd, |at| noise_nt2.get(at).copied().unwrap_or(1.0));

@@ -326,12 +326,13 @@ impl<'a, M: AircraftModel> Filter<'a, M> {
         if !measured && !asked {
             return f64::NAN;
         }
-        let field = self.predicted.at_error(self.line.ins, row, [self.x[LAT], self.x[LON], self.x[ALT]]);
         let error = [LAT, LON, ALT].map(|state| self.x[state]);
-        let covariance = [[LAT, LAT], [LAT, LON], [LON, LON]].map(|[row, column]| self.p.at(row, column));
-        let mut remainder_nt2 =
-            |at: &FieldValue| self.predicted.curvature_nt2(self.line.ins, row, error, at.value_nt, covariance);
-        let remainder_nt2 = field.as_ref().map_or(0.0, &mut remainder_nt2);
+        let field = self.predicted.at_error(self.line.ins, row, error);
+        let mut remainder_nt2 = 0.0;
+        if let Some(at) = &field {
+            let covariance = [[LAT, LAT], [LAT, LON], [LON, LON]].map(|[row, column]| self.p.at(row, column));
+            remainder_nt2 = self.predicted.curvature_nt2(self.line.ins, row, error, at.value_nt, covariance);
+        }
         let rows = self.scratch.h.chunks_exact_mut(self.p.stride());
         for (reading, h) in self.readings.iter_mut().zip(rows) {
             let Reading::Residual(nt, variance_nt2) = *reading else { continue };
