@@ -5,8 +5,6 @@
 
 use std::{
     collections::BTreeMap,
-    fs::File,
-    io::Read,
     path::{Path, PathBuf},
 };
 
@@ -31,6 +29,7 @@ mod grid_bytes;
 mod guarded;
 mod hdf5;
 mod hdf5_early;
+mod head;
 mod iaga2002;
 mod imf;
 mod limits;
@@ -79,6 +78,7 @@ mod unit_name;
 
 pub use grids::{Extra, MapTable, SurveyPoints};
 pub(crate) use guarded::guarded;
+pub use head::Head;
 pub use iaga2002::{ObservatoryRecord, read_iaga2002};
 pub use imf::read_imf;
 pub(crate) use options::markers;
@@ -231,90 +231,6 @@ impl std::fmt::Debug for FlightReader {
     fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
         f.debug_struct("FlightReader").field("format", &self.format.name).field("schema", &self.schema).finish()
     }
-}
-
-/// The start of a file, by which it is recognised.
-pub struct Head<'a> {
-    path: &'a Path,
-    bytes: Vec<u8>,
-    rename: Option<&'a BTreeMap<String, String>>,
-}
-
-impl Head<'_> {
-    fn read(path: &Path) -> Result<Head<'_>, ReadError> {
-        let mut bytes = vec![];
-        refuse_special(path)?;
-        if !path.is_dir() {
-            let file = File::open(path).map_err(|e| ReadError::io(path, &e))?;
-            file.take(4096).read_to_end(&mut bytes).map_err(|e| ReadError::io(path, &e))?;
-            if bytes.is_empty() {
-                return Err(ReadError::data(path, "the file is empty"));
-            }
-        }
-        Ok(Head { path, bytes, rename: None })
-    }
-
-    /// The file.
-    pub fn path(&self) -> &Path {
-        self.path
-    }
-
-    /// Whether the file starts with these bytes.
-    pub fn starts_with(&self, magic: &[u8]) -> bool {
-        self.bytes.starts_with(magic)
-    }
-
-    /// Whether the file has these bytes at an offset below 4096.
-    fn has_at(&self, offset: usize, magic: &[u8]) -> bool {
-        self.bytes.get(offset..).is_some_and(|bytes| bytes.starts_with(magic))
-    }
-
-    /// The bytes without the end-of-file mark of a short text.
-    fn text(&self) -> &[u8] {
-        text_end::without_mark(&self.bytes)
-    }
-
-    /// The lines at the start of the file, the last of them perhaps cut, where it is text.
-    fn text_lines(&self) -> impl Iterator<Item = String> {
-        let text =
-            if self.text().contains(&0) { String::new() } else { String::from_utf8_lossy(self.text()).into_owned() };
-        let lines: Vec<String> = text.lines().filter(|l| !l.trim().is_empty()).map(str::to_owned).collect();
-        lines.into_iter()
-    }
-
-    /// The first line that is not blank, where the start of the file is text.
-    pub fn first_line(&self) -> Option<String> {
-        if self.text().contains(&0) {
-            return None;
-        }
-        let text = String::from_utf8_lossy(self.text());
-        text.trim_start_matches('\u{feff}').lines().find(|l| !l.trim().is_empty()).map(str::to_owned)
-    }
-
-    /// The names of the datasets at the root, where it is an HDF5 file.
-    fn hdf5_names(&self) -> Vec<String> {
-        if !self.starts_with(hdf5::MAGIC) {
-            return vec![];
-        }
-        let names = hdf5::Hdf5::open(self.path).map(|f| f.names().to_vec()).unwrap_or_default();
-        // The original names also identify a format, even if the options rename them.
-        names.iter().flat_map(|n| [n.clone(), self.renamed(n).to_owned()]).collect()
-    }
-
-    /// The name that the options give a column.
-    fn renamed<'a>(&'a self, name: &'a str) -> &'a str {
-        self.rename.and_then(|r| r.get(name)).map_or(name, String::as_str)
-    }
-}
-
-/// Reading a pipe or a device may block, so it is rejected.
-fn refuse_special(path: &Path) -> Result<(), ReadError> {
-    let about = std::fs::metadata(path).map_err(|e| ReadError::io(path, &e))?;
-    if about.is_file() || about.is_dir() {
-        return Ok(());
-    }
-    let what = "is a pipe, socket or device, not a regular file";
-    Err(ReadError::options(path, what).help("write its output to a file, and give that"))
 }
 
 /// The inputs of a flight that its file refers to, as a simulation spec refers to a map.
