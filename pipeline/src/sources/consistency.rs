@@ -8,7 +8,7 @@ use numerics::angle::wrap_deg;
 use numerics::regression::statistics;
 use schemas::{Fault, plausible::shown};
 
-use self::motion::{chords, length};
+use self::motion::{chords, length, mean_speed};
 use super::{
     clock_digits,
     finding::{Check, Finding, Origins},
@@ -176,7 +176,7 @@ fn radians_at_the_equator(line: &Line, set: Set) -> Option<(Fault, Finding)> {
         return None;
     }
     let all = chords([tt, lat, lon], None, motion::CHORD_S);
-    let speed = all.iter().map(|c| length(c.moved)).sum::<f64>() / all.iter().map(|c| c.seconds).sum::<f64>();
+    let speed = mean_speed(&all, |c| c.moved);
     // A standing aircraft is not a unit error; 5 m/s in radians are 290 m/s.
     if all.len() < 3 || !(0.05..5.0).contains(&speed) {
         return None;
@@ -299,8 +299,7 @@ fn specific_force(line: &Line) -> Option<(Fault, Finding)> {
         shown(round(usual))
     );
     let help = if (0.8..1.25).contains(&usual) {
-        "the columns are probably in g; convert them to \
-                                                  m/s2"
+        "the columns are probably in g; convert them to m/s2"
     } else {
         "correct the file"
     };

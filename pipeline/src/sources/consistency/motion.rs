@@ -66,6 +66,12 @@ pub fn length(v: [f64; 2]) -> f64 {
     v[0].hypot(v[1])
 }
 
+/// The mean speed over chords, in m/s, by one of their displacements.
+pub fn mean_speed(chords: &[Chord], displacement: fn(&Chord) -> [f64; 2]) -> f64 {
+    let seconds: f64 = chords.iter().map(|c| c.seconds).sum();
+    chords.iter().map(|c| length(displacement(c))).sum::<f64>() / seconds
+}
+
 /// The part of the distance by which positions and velocities disagree; `turn` changes the velocities.
 fn disagreement(chords: &[Chord], turn: impl Fn([f64; 2]) -> [f64; 2]) -> f64 {
     let (mut apart, mut moved, mut flown) = (0.0, 0.0, 0.0);
@@ -110,9 +116,7 @@ fn motion(line: &Line, set: Set) -> Option<(Fault, Finding)> {
         let span_s = tt.last()? - tt.first()?;
         all = over((span_s / (CHORDS + 2) as f64).clamp(SHORT_CHORD_S, CHORD_S));
     }
-    let seconds: f64 = all.iter().map(|c| c.seconds).sum();
-    let moved = all.iter().map(|c| length(c.moved)).sum::<f64>() / seconds;
-    let flown = all.iter().map(|c| length(c.flown)).sum::<f64>() / seconds;
+    let (moved, flown) = (mean_speed(&all, |c| c.moved), mean_speed(&all, |c| c.flown));
     let slow = if short { moved.min(flown) < SHORT_MOVING_MPS } else { moved.max(flown) < MOVING_MPS };
     // Velocities that are zero throughout are placeholders, which the check for constant sensors reports.
     if all.len() < CHORDS || slow || flown == 0.0 || disagreement(&all, |f| f) < DISAGREE {
@@ -181,8 +185,7 @@ pub fn ground_speed(line: &Line) -> Option<(Fault, Finding)> {
             let (moved, flown) = all.iter().fold((0.0, 0.0), |(m, f), c| (m + length(c.moved), f + by * c.flown[0]));
             (moved - flown).abs() / f64::max(moved, flown)
         };
-        let seconds: f64 = all.iter().map(|c| c.seconds).sum();
-        let moved = all.iter().map(|c| length(c.moved)).sum::<f64>() / seconds;
+        let moved = mean_speed(&all, |c| c.moved);
         if all.len() < CHORDS || moved < SHORT_MOVING_MPS || fit(to_mps) < DISAGREE {
             return None;
         }
@@ -205,14 +208,12 @@ pub fn vertical(line: &Line, set: Set) -> Option<(Fault, Finding)> {
     let units = other_units(line, set.vd, &CLIMBS).into_iter();
     let causes = units.map(|(unit, by)| (disagreement(&climbs, |f| [by * f[0], 0.0]), unit));
     let (_, unit) = causes.filter(|c| c.0 < AGREE).min_by(|a, b| a.0.total_cmp(&b.0))?;
-    let seconds: f64 = climbs.iter().map(|c| c.seconds).sum();
-    let rate = |of: fn(&Chord) -> [f64; 2]| climbs.iter().map(|c| length(of(c))).sum::<f64>() / seconds;
     let what = format!(
         "`{}` changes at {} m/s where `{}` is {} m/s on average",
         set.alt,
-        shown(round(rate(|c| c.moved))),
+        shown(round(mean_speed(&climbs, |c| c.moved))),
         set.vd,
-        shown(round(rate(|c| c.flown)))
+        shown(round(mean_speed(&climbs, |c| c.flown)))
     );
     let help = format!("in {unit} `{}` fits: {}", set.vd, line.origins.units(&[set.vd], unit));
     let row = climbs.first().map_or(0, |c| c.row);
