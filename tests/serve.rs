@@ -148,7 +148,7 @@ fn user_answers_are_what_the_files_hold() {
 }
 
 #[test]
-fn user_whatever_writes_is_refused() {
+fn user_every_query_that_writes_is_refused() {
     let bench = ran();
     let before = bench.tables("store");
     let served = Served::new(&bench, |_| {});

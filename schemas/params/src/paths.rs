@@ -204,7 +204,7 @@ mod tests {
     }
 
     #[test]
-    fn law_whatever_passes_stays_in_its_folder() {
+    fn law_an_accepted_name_stays_in_its_folder() {
         let root = Path::new("/store/versions");
         let (mut names, mut paths) = (0, 0);
         for seed in 0..200_000 {
