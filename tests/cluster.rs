@@ -252,11 +252,7 @@ fn user_a_worker_with_another_store_leaves_in_words_and_the_others_do_the_work()
     let said = last["failures"].to_string();
     assert_eq!(code, 1, "{}", stderr(&alone));
     assert!(
-        said.contains("the last worker rejected its task")
-            && said.contains(
-                "there is no store \
-        elsewhere"
-            ),
+        said.contains("the last worker rejected its task") && said.contains("there is no store elsewhere"),
         "{said}"
     );
     assert_eq!(cluster.workers[0].0.wait().unwrap().code(), Some(1));

@@ -318,8 +318,7 @@ fn user_a_cluster_without_a_key_is_refused_unless_it_is_a_test_of_this_machine()
         let (code, text) = says(args);
         assert!(
             code == Some(2) && text.contains("the cluster has no key") && text.contains("--key-file"),
-            "{args:?}: \
-            {text}"
+            "{args:?}: {text}"
         );
         let (code, text) = says(&[args, &["--key-file", "none.key"]].concat());
         assert!(code == Some(2) && text.contains("cannot read the key in none.key"), "{args:?}: {text}");

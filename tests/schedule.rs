@@ -117,11 +117,7 @@ fn user_a_holder_that_was_killed_or_is_silent_does_not_lock() {
     let done = bench.run(&[]);
     assert_eq!(done.code, 3);
     assert!(
-        done.stderr.contains("on elsewhere, since")
-            && done.stderr.contains(
-                "lease last \
-        renewed"
-            ),
+        done.stderr.contains("on elsewhere, since") && done.stderr.contains("lease last renewed"),
         "{}",
         done.stderr
     );

@@ -138,8 +138,7 @@ fn user_every_trial_is_a_row_and_the_best_is_told() {
     let text = stdout(&bench.magline(&["explain", "spec.toml"]));
     assert!(
         text.contains(
-            "search tpe for scores.std_error where line like '%.02': 16 trials, 4 at a time, 4 of them \
-                       planned"
+            "search tpe for scores.std_error where line like '%.02': 16 trials, 4 at a time, 4 of them planned"
         ),
         "{text}"
     );

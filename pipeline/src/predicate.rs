@@ -53,8 +53,7 @@ impl Predicate {
         let kind = whole.data_type(&schema).map_err(|e| Fault::new(format!("{SUBJECT} is invalid: {e}")))?;
         if kind != DataType::Boolean {
             return Err(Fault::new(format!(
-                "`where` must be true or false for each row, but this expression gives \
-                                           {kind}"
+                "`where` must be true or false for each row, but this expression gives {kind}"
             )));
         }
         let is_key = |e: &Expr| e.column_refs().iter().all(|c| c.name == "flight" || c.name == "line");

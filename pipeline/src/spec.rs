@@ -378,14 +378,8 @@ impl Reading {
         };
         let Some(path) = self.text(table, "path") else {
             if !table.contains_key("path") {
-                self.faults.push(
-                    Fault::new(format!(
-                        "the table `{}` requires a \
-                                                     `path`",
-                        name.get_ref()
-                    ))
-                    .at(name.span()),
-                );
+                self.faults
+                    .push(Fault::new(format!("the table `{}` requires a `path`", name.get_ref())).at(name.span()));
             }
             return None;
         };

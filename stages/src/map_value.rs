@@ -62,8 +62,8 @@ pub(crate) fn note_of_ins_position(shape: &Shape) -> Option<String> {
     let derived = shape.get(MAP_ANOMALY).is_some_and(|column| column.role == Role::Derived);
     let is_known =
         PositionOf::Truth.columns().iter().all(|name| shape.get(name).is_some_and(|c| c.role == Role::Truth));
-    let what = "`map_anomaly` is evaluated at the INS position and includes the INS error; set `position = \"truth\"` in \
-        `map_value` for the true field";
+    let what = "`map_anomaly` is evaluated at the INS position and includes the INS error; set `position = \
+                \"truth\"` in `map_value` for the true field";
     (derived && is_known).then(|| what.to_owned())
 }
 

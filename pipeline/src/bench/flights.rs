@@ -33,14 +33,8 @@ impl Flight {
     pub fn column(&self, name: &str) -> Result<&[f64], Fault> {
         let array = self.rows.column_by_name(name).and_then(|a| a.as_primitive_opt::<Float64Type>());
         let array = array.filter(|a| a.null_count() == 0);
-        let fault = || {
-            Fault::data(
-                "the benchmark requires this \
-                                    column",
-            )
-            .in_line(&self.flight, &self.line)
-            .in_column(name)
-        };
+        let fault =
+            || Fault::data("the benchmark requires this column").in_line(&self.flight, &self.line).in_column(name);
         array.map(|a| a.values().as_ref()).ok_or_else(fault)
     }
 }
@@ -52,10 +46,9 @@ impl Flight {
 pub fn open(path: &Path) -> Result<Vec<Flight>, Fault> {
     if !path.exists() {
         let fault = Fault::new(format!("there is no file {}", path.display()));
-        return Err(fault.help(
-            "run the command in a clone of magline, or give the spec of the flights with \
-                               `--flights`",
-        ));
+        return Err(
+            fault.help("run the command in a clone of magline, or give the spec of the flights with `--flights`")
+        );
     }
     let reading = Reading { found: None, threads: rayon::current_num_threads() };
     let reader = open_flight(path, &FlightOptions::default(), &reading).map_err(Fault::from)?;

@@ -145,10 +145,8 @@ pub fn score(flights: &[Flight], predictions: &Predictions, wanted: &[String]) -
     let lines: Vec<&Flight> = flights.iter().filter(|f| TEST_LINES.contains(&f.line.as_str())).collect();
     if lines.len() != TEST_LINES.len() {
         let what = format!("the flights lack some of the lines {}", TEST_LINES.join(", "));
-        return Err(Fault::new(what).help(format!(
-            "use the flights of {SPEC}, or a simulation with these lines and another \
-                                           seed"
-        )));
+        return Err(Fault::new(what)
+            .help(format!("use the flights of {SPEC}, or a simulation with these lines and another seed")));
     }
     let places = predictions.places(&lines)?;
     let mut found = vec![];

@@ -188,10 +188,8 @@ impl Builder<'_> {
         let size = axes.fold(1u128, |n, a| n.saturating_mul(a.values.len() as u128));
         let size = if size > 10u128.pow(30) { "more than 10^30".to_owned() } else { size.to_string() };
         let what = format!("`{}` would be run at {size} points: {}", decl.name, product.join(" x "));
-        let help = format!(
-            "at most {MOST_POINTS} are permitted: use fewer values, a smaller `up_to`, or several \
-                            specs"
-        );
+        let help =
+            format!("at most {MOST_POINTS} are permitted: use fewer values, a smaller `up_to`, or several specs");
         Fault::new(what).at(decl.at.clone()).help(help)
     }
 

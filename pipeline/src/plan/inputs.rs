@@ -45,13 +45,8 @@ impl Builder<'_> {
                 if input.optional {
                     continue;
                 }
-                let what = format!(
-                    "`{}` requires `{}`, the name of \
-                                    {}",
-                    entry.name,
-                    input.name,
-                    kind_words(input.kind)
-                );
+                let what =
+                    format!("`{}` requires `{}`, the name of {}", entry.name, input.name, kind_words(input.kind));
                 self.faults.push(Fault::new(what).at(decl.at.clone()));
                 fine = false;
                 continue;

@@ -10,11 +10,9 @@ use super::{
 /// The file `DICTIONARY.md`.
 pub fn write(set: &Set) -> String {
     let mut text = format!("# Data dictionary of {}\n", cell(&set.dictionary.about.title));
-    text += "\n`dictionary.json` is the machine-readable form. Roles: `key` identifies a flight, a line or a point of \
-             the \
-             sweep; `time` is the time of a sample; `truth` is not available in operation; `sensor` is measured; \
-             `aux` is \
-             auxiliary; `derived` is computed.\n";
+    text += "\n`dictionary.json` is the machine-readable form. Roles: `key` identifies a flight, a line or a point \
+             of the sweep; `time` is the time of a sample; `truth` is not available in operation; `sensor` is \
+             measured; `aux` is auxiliary; `derived` is computed.\n";
     for table in &set.dictionary.tables {
         text += &section(table);
     }
@@ -41,8 +39,7 @@ fn section(table: &Table) -> String {
         let _ = writeln!(
             text,
             "| `{key}` | text | | key | the name of the file's folder, `{of}-` and the identifier; only readers of \
-             hive \
-             partitions have this column | | | 0 | |"
+             hive partitions have this column | | | 0 | |"
         );
     }
     for column in table.columns.iter().filter(|c| !c.terms.is_empty()) {

@@ -167,10 +167,8 @@ impl Place {
             };
             if is_restricted(spec, &file.table) && !include_restricted {
                 let what = format!("`include_inputs`: the table `{}` is restricted", file.table);
-                return Err(Fault::new(what).help(format!(
-                    "use `--include-restricted` if you have the right to publish \
-                                                          it, {HELP}"
-                )));
+                return Err(Fault::new(what)
+                    .help(format!("use `--include-restricted` if you have the right to publish it, {HELP}")));
             }
             up = up.max(parts.iter().take_while(|p| *p == "..").count());
         }
@@ -183,11 +181,10 @@ impl Place {
             .collect();
         match names.len().checked_sub(up) {
             Some(from) => Ok(Place { folders: names.into_iter().skip(from).collect() }),
-            None => Err(Fault::new(
-                "`include_inputs`: the path of an input leads above the root of the file \
-                                    system",
-            )
-            .help(HELP)),
+            None => {
+                Err(Fault::new("`include_inputs`: the path of an input leads above the root of the file system")
+                    .help(HELP))
+            }
         }
     }
 

@@ -237,10 +237,8 @@ fn chosen(plan: &Plan, names: &[String]) -> Result<Vec<Chosen>, Fault> {
         let stage = plan.tables.iter().position(|t| t.name == *name);
         if let Some(t) = stage {
             if plan.decl(t).is_some_and(|d| !d.publish) {
-                let fault = Fault::new(format!(
-                    "the table `{name}` is not published, because it has `publish = \
-                                                false`"
-                ));
+                let fault =
+                    Fault::new(format!("the table `{name}` is not published, because it has `publish = false`"));
                 return Err(fault.help("remove `publish = false`, and run the spec again"));
             }
             found.push(Chosen::Stage(t));

@@ -25,8 +25,8 @@ const IDENTIFIERS: [&str; 2] = ["flight", "line"];
 
 /// The remedy where restricted data would be published.
 const HELP: &str = "publish tables that are not made from restricted columns row by row, such as scores and models; \
-                    or use \
-    `--include-restricted` if you have the right to publish them, and the published set will state the restrictions";
+                    or use `--include-restricted` if you have the right to publish them, and the published set will \
+                    state the restrictions";
 
 /// A column of a table.
 pub type Column = (String, String);

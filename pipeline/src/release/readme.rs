@@ -76,8 +76,7 @@ fn tables(set: &Set) -> String {
 
 fn reading(set: &Set) -> String {
     let mut text = "\n## Reading\n\nThe tables are Parquet files with zstd compression. The metadata of their fields \
-                    have units, \
-                    roles and meanings. Any Parquet reader accepts the folder of a table:\n\n```python\n"
+                    have units, roles and meanings. Any Parquet reader accepts the folder of a table:\n\n```python\n"
         .to_owned();
     let glob = |t: &Table| if t.partitions.is_empty() { "*.parquet" } else { "*/*/*.parquet" };
     if let Some(t) = set.dictionary.tables.first() {
@@ -89,10 +88,8 @@ fn reading(set: &Set) -> String {
     text += "```\n";
     if set.dictionary.tables.iter().any(|t| !t.partitions.is_empty()) {
         text += "\nA table of flight lines has one file per line, in folders by flight and line. Readers of hive \
-                 partitions add \
-                 the columns `flight_id` and `line_id` from the names of the folders. The text columns `flight` and \
-                 `line` are \
-                 in the files.\n";
+                 partitions add the columns `flight_id` and `line_id` from the names of the folders. The text \
+                 columns `flight` and `line` are in the files.\n";
     }
     text
 }
@@ -165,8 +162,7 @@ fn again(set: &Set) -> String {
     let _ = writeln!(
         text,
         "magline {} made this data set from `{}` (seed {}, run {}). The inputs and their SHA-256; paths are relative \
-         to the \
-         folder of the spec:\n",
+         to the folder of the spec:\n",
         lock.magline, lock.spec, lock.seed, lock.run
     );
     text += "| table | file | bytes | SHA-256 | included |\n|:--|:--|--:|:--|:--|\n";

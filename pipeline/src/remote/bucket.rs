@@ -192,10 +192,8 @@ impl Bucket {
             }
             _ if is_forbidden(error, &text) => Fault::machine(what)
                 .help("the credentials of the environment or the profile do not permit it, see pipeline/OBJECTS.md"),
-            Error::NotImplemented { .. } | Error::NotSupported { .. } => Fault::machine(what).help(
-                "the server lacks an operation that a store requires, such as conditional \
-                                           writes",
-            ),
+            Error::NotImplemented { .. } | Error::NotSupported { .. } => Fault::machine(what)
+                .help("the server lacks an operation that a store requires, such as conditional writes"),
             _ if text.contains("status code: 30") => {
                 Fault::machine(what).help("the server redirects to another server; set that server as the endpoint")
             }

@@ -159,8 +159,7 @@ fn no_password(endpoint: &str) -> Result<(), Fault> {
     match url::Url::parse(endpoint) {
         Ok(url) if !url.username().is_empty() || url.password().is_some() || url.query().is_some() => {
             Err(Fault::machine("the endpoint of the object store contains a user, a password or a query").help(
-                "write it as https://HOST or http://HOST:PORT; set credentials as described in \
-                       pipeline/OBJECTS.md",
+                "write it as https://HOST or http://HOST:PORT; set credentials as described in pipeline/OBJECTS.md",
             ))
         }
         _ => Ok(()),

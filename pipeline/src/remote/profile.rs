@@ -105,8 +105,7 @@ impl Profile {
         } else if self.other && self.access_key_id.is_none() && set("AWS_ACCESS_KEY_ID").is_none() {
             let what = format!("the profile `{}` has credentials that another program must request", self.name);
             return Err(Fault::machine(what).help(
-                "put them into the environment with `eval \"$(aws configure export-credentials --format \
-                       env)\"`",
+                "put them into the environment with `eval \"$(aws configure export-credentials --format env)\"`",
             ));
         }
         if let (None, None, Some(region)) = (set("AWS_REGION"), set("AWS_DEFAULT_REGION"), &self.region) {

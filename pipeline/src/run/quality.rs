@@ -51,8 +51,7 @@ pub fn table(graph: &Graph, store: &Store) -> Result<Beside, Fault> {
             "first_row",
             whole(|f| f.first_row),
             Role::Derived,
-            "the row of the first such sample in its line, counted \
-                                                              from 0",
+            "the row of the first such sample in its line, counted from 0",
         ),
         ("value", value, Role::Derived, "the value of the first such sample; null if missing or infinite"),
         ("unit", text(&|r| r.2.unit.clone()), Role::Derived, "the unit of the value"),

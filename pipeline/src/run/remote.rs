@@ -107,11 +107,9 @@ pub fn given_up(tries: &Tries) -> Fault {
     let what = match (&tries.why, tries.lost) {
         (Some(why), 0) => format!("{why} ({} in a worker)", times(tries.failed)),
         (Some(why), n) => format!("{why} ({} in a worker); and {lost} {}", times(tries.failed), times(n)),
-        (None, n) => format!(
-            "{lost} {} during this computation: killed, out of memory, or over the time \
-                              limit",
-            times(n)
-        ),
+        (None, n) => {
+            format!("{lost} {} during this computation: killed, out of memory, or over the time limit", times(n))
+        }
     };
     Fault::machine(what).help(format!("to try again, use `--retries {}`", tries.all()))
 }

@@ -88,8 +88,8 @@ pub fn settled(found: &mut Vec<PathBuf>, settle: Duration) -> Option<String> {
     (!left.is_empty()).then(|| {
         let seconds = settle.as_secs();
         format!(
-            "skipped by `--settle`, because they were modified in the last {seconds} s: {}{more}; the next run \
-                 reads them",
+            "skipped by `--settle`, because they were modified in the last {seconds} s: {}{more}; the next run reads \
+             them",
             names.join(", ")
         )
     })

@@ -126,8 +126,8 @@ fn subsets(name: &str, table: &DeTable, at: std::ops::Range<usize>) -> Result<Ve
             let fault =
                 Fault::new(format!("the axis `{name}` would have {number} values: subsets of {n} entries")).at(at);
             let help = format!(
-                "at most {MOST_VALUES} values with {MOST_ENTRIES} entries in total are permitted: use \
-                                a smaller `up_to`"
+                "at most {MOST_VALUES} values with {MOST_ENTRIES} entries in total are permitted: use a smaller \
+                 `up_to`"
             );
             faults.push(fault.help(help));
         }

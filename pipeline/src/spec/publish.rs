@@ -135,8 +135,8 @@ fn wrong(facts: &PublishFacts) -> Vec<(&'static str, Fault)> {
             push(
                 "authors",
                 what,
-                "write a person as `given = \"Ada\"`, `family = \"Lovelace\"`, and an organisation \
-                                   as `name = \"...\"`",
+                "write a person as `given = \"Ada\"`, `family = \"Lovelace\"`, and an organisation as `name = \
+                 \"...\"`",
             );
         }
         if let Some(orcid) = author.orcid.as_ref().filter(|o| !is_orcid(o)) {

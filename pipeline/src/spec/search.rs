@@ -199,14 +199,12 @@ impl Search {
 pub fn reference() -> String {
     let lists = Lists::default();
     let mut text = "# A search\n\nA search proposes the values of the axes in `[search.axes]`. A trial has one value \
-                    of \
-                    each axis. Stages use these axes like listed ones: `\"$lambda\"`. Every table that depends on a \
-                    searched axis has the column `trial` and one column for each axis. The table `trials` has the goal \
-                    of each trial. An axis is a list of choices or a table with two ends. `where` in `[search]` is an \
-                    SQL predicate on `flight` and `line` that selects the lines of the goal. `values` of `halving` are \
-                    the values of its axis, the cheapest first. Every trial of a generation is run with the first \
-                    value, \
-                    and the best 1/`eta` of them with the next value.\n"
+                    of each axis. Stages use these axes like listed ones: `\"$lambda\"`. Every table that depends on \
+                    a searched axis has the column `trial` and one column for each axis. The table `trials` has the \
+                    goal of each trial. An axis is a list of choices or a table with two ends. `where` in `[search]` \
+                    is an SQL predicate on `flight` and `line` that selects the lines of the goal. `values` of \
+                    `halving` are the values of its axis, the cheapest first. Every trial of a generation is run \
+                    with the first value, and the best 1/`eta` of them with the next value.\n"
         .to_owned();
     let groups = [
         ("[search]", SearchKeys::docs(&lists)),
@@ -272,11 +270,8 @@ pub fn read(value: &Spanned<DeValue>, seed: u64, listed: &[Axis]) -> Result<Sear
         }
     });
     if axes.len() > MOST_DIMENSIONS && !matches!(method, Some(Method::Random)) {
-        let what = format!(
-            "{} axes are searched, but the Sobol sequence supports at most \
-                            {MOST_DIMENSIONS}",
-            axes.len()
-        );
+        let what =
+            format!("{} axes are searched, but the Sobol sequence supports at most {MOST_DIMENSIONS}", axes.len());
         faults.push(Fault::new(what).at(value.span()).help("search fewer axes, or set `method = \"random\"`"));
     }
     let (Some(keys), Some(method), Some((goal_table, metric))) = (keys, method, goal) else { return Err(faults) };
@@ -331,10 +326,9 @@ fn clashes(search: &Search, listed: &[Axis]) -> Vec<Fault> {
 fn halving(value: &Spanned<DeValue>) -> Result<Halving, Vec<Fault>> {
     let Some(table) = value.get_ref().as_table() else {
         let fault = Fault::new("`halving` must be a table").at(value.span());
-        return Err(vec![fault.help(
-            "write for example `halving = { axis = \"epochs\", values = [10, 30, 90], eta = 3 \
-                                    }`",
-        )]);
+        return Err(vec![
+            fault.help("write for example `halving = { axis = \"epochs\", values = [10, 30, 90], eta = 3 }`"),
+        ]);
     };
     let mut section = Section::of(table, value.span())?;
     section.keys.remove("values");
@@ -398,29 +392,19 @@ fn searched(name: &str, at: Span, value: &Spanned<DeValue>) -> Result<Searched, 
     let place = |key: &str| section.keys.get(key).map_or(value.span(), |given| given.at.clone());
     if low >= high {
         faults.push(
-            Fault::new(format!(
-                "`low` of the axis `{name}` is {low}; it must be below `high`, \
-                                {high}"
-            ))
-            .at(place("low")),
+            Fault::new(format!("`low` of the axis `{name}` is {low}; it must be below `high`, {high}"))
+                .at(place("low")),
         );
     }
     if log && low <= 0.0 {
-        let fault = Fault::new(format!(
-            "`low` of the axis `{name}` is {low}; with `log` it must be \
-                                        positive"
-        ))
-        .at(place("low"));
+        let fault =
+            Fault::new(format!("`low` of the axis `{name}` is {low}; with `log` it must be positive")).at(place("low"));
         faults.push(fault.help("increase `low` above 0, or remove `log`"));
     }
     for (key, end) in [("low", low), ("high", high)] {
         if whole && (end.fract() != 0.0 || end.abs() >= MOST_WHOLE) {
             faults.push(
-                Fault::new(format!(
-                    "`{key}` of the axis `{name}` is {end}; it must be a whole \
-                                            number"
-                ))
-                .at(place(key)),
+                Fault::new(format!("`{key}` of the axis `{name}` is {end}; it must be a whole number")).at(place(key)),
             );
         }
     }

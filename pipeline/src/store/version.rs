@@ -320,11 +320,8 @@ impl Store {
         for table in before.iter().flat_map(|v| v.manifest.tables.iter().map(|t| v.folder.join("tables").join(&t.name)))
         {
             if fs::symlink_metadata(&table).is_ok_and(|m| m.is_symlink()) {
-                let what = format!(
-                    "the folder of the table, {}, is a link to a place outside the \
-                                    store",
-                    table.display()
-                );
+                let what =
+                    format!("the folder of the table, {}, is a link to a place outside the store", table.display());
                 return Err(Fault::machine(what).help("remove the link; the next run publishes the table again"));
             }
         }

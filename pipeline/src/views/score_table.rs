@@ -122,8 +122,7 @@ fn legend(scores: &Scores, best: Option<usize>, left_out: &[&str], most: usize) 
     if marked_rows().any(|r| !scores.is_cautious(r)) {
         out.push_str(
             "! flagged: worse than the INS alone, NEES or NIS far from the expected value (2 and 1), or whiteness \
-             below \
-             0.8\n",
+             below 0.8\n",
         );
     }
     if marked_rows().any(|r| scores.is_cautious(r)) {

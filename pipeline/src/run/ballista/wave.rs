@@ -212,10 +212,8 @@ impl<'a> Handing<'a> {
             } else {
                 String::new()
             };
-            let what = format!(
-                "no worker has been registered with the scheduler {authority} for {seconds} \
-                                s{others}{last}"
-            );
+            let what =
+                format!("no worker has been registered with the scheduler {authority} for {seconds} s{others}{last}");
             return Some(Fault::machine(what).help(format!(
                 "start workers with `magline worker --scheduler {authority} --store {}`, or increase `--patience`",
                 shown(self.wave.worker.store().root())
@@ -332,8 +330,7 @@ impl<'a> Handing<'a> {
             let Some(at) = self.tasks.get(&id).and_then(|i| left.iter().position(|l| l == i)) else {
                 // Computed twice, or not ours: what came back is not what was handed out.
                 let fault = Fault::bug(format!(
-                    "the worker {worker} returned a receipt of a task that it does not \
-                                                have, or a duplicate"
+                    "the worker {worker} returned a receipt of a task that it does not have, or a duplicate"
                 ));
                 tasks.iter().for_each(|i| self.settle(*i, failed(&self.wave.tasks[*i], &fault)));
                 return;

@@ -170,12 +170,9 @@ fn executed(config: &Config, name: String, folder: &Path) -> Result<Ended, Fault
 fn listeners(config: &Config) -> Result<(TcpListener, TcpListener), Fault> {
     let next = match config.ports {
         0 => 0,
-        port => port.checked_add(1).ok_or_else(|| {
-            Fault::new(
-                "`--port` must be below 65535, because two consecutive \
-                                                              ports are used",
-            )
-        })?,
+        port => port
+            .checked_add(1)
+            .ok_or_else(|| Fault::new("`--port` must be below 65535, because two consecutive ports are used"))?,
     };
     let listen = |port: u16| {
         let listener = TcpListener::bind((config.bind, port))?;

@@ -53,8 +53,7 @@ pub fn table(rows: &[(&str, &str, &Measure)]) -> Result<RecordBatch, Fault> {
             number(|m| m.first_tt),
             "s",
             Role::Derived,
-            "the time of the first affected sample; null if all \
-                                                                are affected",
+            "the time of the first affected sample; null if all are affected",
         ),
     ];
     let fields: Vec<Field> = columns

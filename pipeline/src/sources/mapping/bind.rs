@@ -64,8 +64,7 @@ impl Bound {
             let sql = columns.expression(sql, decl.head.at("rows"))?;
             if sql.value.data_type() != &DataType::Boolean {
                 let what = format!(
-                    "`rows` must be true or false for each row, but this expression gives \
-                                    {}",
+                    "`rows` must be true or false for each row, but this expression gives {}",
                     sql.value.data_type()
                 );
                 columns.push(Fault::new(what).at(sql.at.clone()));

@@ -34,10 +34,8 @@ fn unit_of(
         if wanted.is_empty() {
             return Some(String::new());
         }
-        let what = format!(
-            "the unit of `{name}` is in neither the file nor the mapping; `{name}` is converted to \
-                            {wanted}"
-        );
+        let what =
+            format!("the unit of `{name}` is in neither the file nor the mapping; `{name}` is converted to {wanted}");
         let known = convertible_to(wanted).join(", ");
         columns.push(Fault::new(what).help(format!("set `unit`: {known}")).at(at.0));
         return None;
@@ -142,10 +140,8 @@ pub(super) fn one_column(name: &str, column: &Placed<ColumnOf>, columns: &mut Co
     if let (Some(ours), Some(theirs)) = (&said.unit, &own_unit)
         && convert(theirs, ours).is_some_and(|factor| factor != 1.0)
     {
-        made.notes.push(format!(
-            "`{name}`: the unit is {theirs} in the file and {ours} in the mapping; the mapping is \
-                                 used"
-        ));
+        made.notes
+            .push(format!("`{name}`: the unit is {theirs} in the file and {ours} in the mapping; the mapping is used"));
     }
     let description = said.description.as_deref().unwrap_or(known.description);
     made.fields.push((field(name, kind, &unit, role, description), column.at.clone()));
@@ -183,11 +179,8 @@ pub(super) fn one_vector(name: &str, vector: &Placed<VectorOf>, columns: &mut Co
             let each = said.sql.iter().map(|sql| {
                 let sql = columns.expression(sql, vector.at("sql"))?;
                 if !is_number(sql.value.data_type()) {
-                    let what = format!(
-                        "`{name}` requires numbers, but this expression gives \
-                                        {}",
-                        sql.value.data_type()
-                    );
+                    let what =
+                        format!("`{name}` requires numbers, but this expression gives {}", sql.value.data_type());
                     columns.push(Fault::new(what).at(sql.at.clone()));
                     return None;
                 }
@@ -207,10 +200,8 @@ pub(super) fn one_vector(name: &str, vector: &Placed<VectorOf>, columns: &mut Co
     if let (Some(ours), Some(theirs)) = (&said.unit, &own_unit)
         && convert(theirs, ours).is_some_and(|factor| factor != 1.0)
     {
-        made.notes.push(format!(
-            "`{name}`: the unit is {theirs} in the file and {ours} in the mapping; the mapping is \
-                                 used"
-        ));
+        made.notes
+            .push(format!("`{name}`: the unit is {theirs} in the file and {ours} in the mapping; the mapping is used"));
     }
     let role = role_of(&axes_names[0], said.role, vector.at("role"), columns);
     let parts: Option<[Numbers; 3]> = parts.into_iter().collect::<Option<Vec<_>>>().and_then(|p| p.try_into().ok());
@@ -221,11 +212,8 @@ pub(super) fn one_vector(name: &str, vector: &Placed<VectorOf>, columns: &mut Co
     };
     let mounting = Mounting::new(axes, rotation);
     if mounting.is_mirror() {
-        made.notes.push(format!(
-            "`{name}`: its axes `{}` form a left-handed frame; a sign is probably \
-                                 wrong",
-            said.axes
-        ));
+        made.notes
+            .push(format!("`{name}`: its axes `{}` form a left-handed frame; a sign is probably wrong", said.axes));
     }
     for axis in &axes_names {
         let description = said.description.as_deref().unwrap_or(flight::describe(axis).description);

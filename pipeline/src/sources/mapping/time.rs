@@ -414,11 +414,7 @@ fn gps(stamp: &Placed<Stamp>, columns: &mut Columns) -> Option<Source> {
         Some(Constant::Number(x)) if x.fract() == 0.0 && (0.0..1e5).contains(x) => Week::Number(*x as i64),
         Some(Constant::Number(x)) => {
             columns.push(
-                Fault::new(format!(
-                    "a GPS week must be a whole number, 0 or above, not \
-                                             {x}"
-                ))
-                .at(stamp.at("week")),
+                Fault::new(format!("a GPS week must be a whole number, 0 or above, not {x}")).at(stamp.at("week")),
             );
             return None;
         }

@@ -257,10 +257,9 @@ impl Remote {
         })?;
         if !self.bucket.replace(&name, pointer(pipeline, number, manifest.sum()).as_bytes(), before)? {
             let what = format!("another run published `{pipeline}` in {} during this run", self.bucket.address());
-            return Err(Fault::machine(what).help(
-                "nothing was published; finished results are stored, run the spec \
-                                                  again",
-            ));
+            return Err(
+                Fault::machine(what).help("nothing was published; finished results are stored, run the spec again")
+            );
         }
         self.place(pipeline, number, folder)
     }

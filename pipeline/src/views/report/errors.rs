@@ -108,8 +108,7 @@ fn innovations(flown: &Flown, outcomes: &BTreeMap<String, usize>) -> Option<Char
         outcomes.iter().map(|(outcome, n)| format!("{n} {}", outcome.replace('_', " "))).collect();
     let caption = format!(
         "Measurement minus prediction. The innovations of a consistent filter have zero mean and no trend, and are \
-         within \
-         the band for 95 % of the time. Samples: {}.",
+         within the band for 95 % of the time. Samples: {}.",
         if counted.is_empty() { "not counted".to_owned() } else { counted.join(", ") }
     );
     Some(Chart {
@@ -129,9 +128,8 @@ fn nees_chart(tt: &[f64], nees: &[f64]) -> Chart {
     let (low, high) = (-2.0 * 0.975f64.ln(), -2.0 * 0.025f64.ln());
     let caption = format!(
         "Squared horizontal error in units of the filter's covariance. A consistent filter has a mean of 2 and 95 % \
-         of the \
-         values between {} and {}. An overconfident filter has larger values. The mean here is {}. Position errors are \
-         correlated over minutes, so a single line may stay outside the band for some time.",
+         of the values between {} and {}. An overconfident filter has larger values. The mean here is {}. Position \
+         errors are correlated over minutes, so a single line may stay outside the band for some time.",
         number(Some(low)),
         number(Some(high)),
         number(Some(statistics::mean(nees).value)),

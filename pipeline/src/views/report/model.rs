@@ -92,7 +92,8 @@ impl Model {
                 h3 { "The model: table " (name) }
                 @if !self.warning.is_empty() { p.warning role="alert" { strong { "This fit is not reliable: " } (self.warning) "." } }
                 p { (self.rows) " samples were used and " (self.left_out) " were excluded. The residual of the \
-                    filtered target has a standard deviation of "
+                                                                           filtered target has a standard deviation \
+                                                                           of "
                     (number(Some(self.residual_nt))) " nT. The condition number of the matrix is " strong { (number(Some(self.condition))) } ". " (self.verdict()) (self.form()) }
                 div.scroll { table.sortable {
                     thead { tr {
@@ -140,10 +141,8 @@ impl Model {
         }
         format!(
             "This value is large: the terms are nearly collinear. An error in the data may appear in a single \
-             coefficient \
-             up to {} times as large. The sum of the terms may still be accurate. To reduce the condition number, fly \
-             more \
-             varied manoeuvres, use fewer terms or increase lambda.",
+             coefficient up to {} times as large. The sum of the terms may still be accurate. To reduce the \
+             condition number, fly more varied manoeuvres, use fewer terms or increase lambda.",
             number(Some(self.condition))
         )
     }

@@ -65,8 +65,7 @@ pub fn section(source: &Source) -> Result<Option<Markup>, Fault> {
             h2 { "Quality of the data" }
             p.lead { "The data as read, before any stage. "
                 @if marked == 0 { "No figure is flagged." }
-                @else { (marked) " of " (clocks.len() + columns.len()) " columns have a flagged figure, shown with \
-                    a " strong { "!" } ". The worst columns are first." }
+                @else { (marked) " of " (clocks.len() + columns.len()) " columns have a flagged figure, shown with a " strong { "!" } ". The worst columns are first." }
             }
             @if unreadable > 0 {
                 p.warning { "The figures of " (unreadable) (if unreadable == 1 { " file" } else { " files" }) " in \

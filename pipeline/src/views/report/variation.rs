@@ -138,8 +138,7 @@ impl Coefficients {
                  all terms it is "
                 strong { (number(mean_of(&spread))) }
                 ". It is large for terms that change sign. Differences between calibrations are not caused by the \
-                 aircraft \
-                 alone. A larger lambda makes coefficients smaller and more similar."
+                 aircraft alone. A larger lambda makes coefficients smaller and more similar."
             }
             div.scroll { table.sortable {
                 thead { tr {
@@ -193,7 +192,7 @@ fn over_lambda(source: &Source, table: usize, instance: usize, of: &Calibrations
         title: "Similarity of calibrations".into(),
         caption:
             "The mean of std / |mean| over all terms. A large ridge parameter makes calibrations similar. The scores \
-                  show whether they are also accurate."
+             show whether they are also accurate."
                 .into(),
         // A logarithm has no place for 0.
         x: if points.first().is_some_and(|p| p.0 > 0.0) { x.log() } else { x },

@@ -83,12 +83,10 @@ impl Normalised {
         let white = known().filter(|(_, r)| r.value.abs() <= half(*r)).count();
         let counted = whiteness(x, COUNTED).value;
         let caption = format!(
-            "Autocorrelation of the innovations divided by their predicted standard deviation, without subtracting the \
-             mean; {} s between samples. For white innovations 95 % of the lags are within ±1.96/√n. Here {:.0} % of \
-             the \
-             lags in the plot and {} of the first {COUNTED} are. A positive autocorrelation indicates correlated \
-             noise, or \
-             an error of the map or compensation, that the filter treats as white.",
+            "Autocorrelation of the innovations divided by their predicted standard deviation, without subtracting \
+             the mean; {} s between samples. For white innovations 95 % of the lags are within ±1.96/√n. Here {:.0} \
+             % of the lags in the plot and {} of the first {COUNTED} are. A positive autocorrelation indicates \
+             correlated noise, or an error of the map or compensation, that the filter treats as white.",
             number(Some(step_s)),
             100.0 * white as f64 / points.len() as f64,
             if counted.is_nan() { "too few".to_owned() } else { format!("{:.0} %", 100.0 * counted) },
@@ -113,11 +111,9 @@ impl Normalised {
         let (low, high) = mean_square_band(window as f64);
         let largest = points.iter().map(|p| p.1).fold(0.0, f64::max);
         let caption = format!(
-            "Normalised innovation squared, means over {window} updates. For independent innovations of the predicted \
-             size \
-             95 % are between {} and {}. Above this band the assumed noise is too small, below it is too large. The \
-             mean \
-             of the line is {}.",
+            "Normalised innovation squared, means over {window} updates. For independent innovations of the \
+             predicted size 95 % are between {} and {}. Above this band the assumed noise is too small, below it is \
+             too large. The mean of the line is {}.",
             number(Some(low)),
             number(Some(high)),
             number(Some(self.nis)),

@@ -115,8 +115,7 @@ impl<'a> Facts<'a> {
     pub fn cause(&self, kind: Kind) -> Option<String> {
         if kind == Kind::Retention {
             let cause = "the model was fitted over strong anomalies, or learnt the map from its inputs; on a single \
-                         line \
-                         the residual may also correlate with the anomaly by chance";
+                         line the residual may also correlate with the anomaly by chance";
             return Some(cause.to_owned());
         }
         let settings = self.settings.as_ref()?;
@@ -125,10 +124,9 @@ impl<'a> Facts<'a> {
             Kind::NeesLow | Kind::NisLow if settings.found => vec![],
             Kind::NeesLow | Kind::NisLow => self.too_cautious(settings),
             Kind::NotWhite => vec![
-                "the filter treats a correlated error as independent noise: a map error between \
-                sparse lines (`map_error_length_m`, `map_sigma_nt`), a time stamp error (`mag_latency_sigma_s`), or \
-                the \
-                residual of compensation"
+                "the filter treats a correlated error as independent noise: a map error between sparse lines \
+                 (`map_error_length_m`, `map_sigma_nt`), a time stamp error (`mag_latency_sigma_s`), or the residual \
+                 of compensation"
                     .to_owned(),
             ],
             Kind::Gnss => vec![
@@ -139,17 +137,13 @@ impl<'a> Facts<'a> {
             Kind::OffMap if self.diverged() => vec!["the filter diverged and left the map".to_owned()],
             Kind::OffMap => vec!["the map does not cover the line, or has unknown nodes below it".to_owned()],
             Kind::Flat => vec![
-                "the noise exceeds `flat_over_m` times the slope of the map, so the position is mainly \
-                                the \
-                INS's"
+                "the noise exceeds `flat_over_m` times the slope of the map, so the position is mainly the INS's"
                     .to_owned(),
             ],
             Kind::MapHeight if settings.levels => vec!["the flight leaves the heights of `map_levels_m`".to_owned()],
-            Kind::MapHeight => vec![
-                "`map_levels_m` of `navigate` is unset; list heights below and above the heights \
-                                     flown"
-                    .to_owned(),
-            ],
+            Kind::MapHeight => {
+                vec!["`map_levels_m` of `navigate` is unset; list heights below and above the heights flown".to_owned()]
+            }
             Kind::Retention | Kind::Fit | Kind::Map | Kind::Metric => vec![],
         };
         (!found.is_empty()).then(|| found.join("; "))
@@ -234,9 +228,8 @@ impl<'a> Facts<'a> {
         match (low, settings.sigma_nt, lasting) {
             (Some(_), Some(sigma), Some(lasting)) => vec![format!(
                 "`fogm_sigma_nt` of {} is too large, or `fogm_tau_s` is too short: the innovations are smaller than \
-                 the \
-                 predicted change of the correlated error from sample to sample; the white noise of {} nT does not \
-                 cause it",
+                 the predicted change of the correlated error from sample to sample; the white noise of {} nT does \
+                 not cause it",
                 shown(lasting),
                 shown(sigma)
             )],

@@ -175,8 +175,7 @@ fn gold_many_warnings_are_told_by_the_worst_of_each_kind() {
             "scores: the filter is worse than the INS alone at 2 places, worst (mag = mag_4_uc, flight 1, line 1.02): \
              drms 90\n  likely cause: a cause",
             "scores (mag = mag_4_uc, flight 1, line 1.01): the filter is cautious: the innovations are far smaller \
-             than it \
-             predicts: drms 0.004\n  likely cause: a cause",
+             than it predicts: drms 0.004\n  likely cause: a cause",
             "3 warnings; the table `p.warnings` lists all",
         ]
     );

@@ -252,8 +252,8 @@ pub enum TrainingError {
     /// Loss or parameters are no longer finite.
     #[error(
         "training diverged in epoch {epoch}: loss or weights are no longer finite at a learning rate of \
-         {learning_rate}; \
-         reduce the learning rate, and check that inputs, linear terms and target are scaled to about 1"
+         {learning_rate}; reduce the learning rate, and check that inputs, linear terms and target are scaled to \
+         about 1"
     )]
     Diverged {
         /// The epoch, from 1.

@@ -118,7 +118,7 @@ pub enum LeastSquaresError {
     /// An elastic net did not reach its tolerance.
     #[error(
         "the elastic net with alpha {alpha} may still be {gap:e} of the target's sum of squares above its minimum \
-             after {sweeps} sweeps; allow more sweeps or a larger tolerance"
+         after {sweeps} sweeps; allow more sweeps or a larger tolerance"
     )]
     Sweeps {
         /// The strength of the penalty.

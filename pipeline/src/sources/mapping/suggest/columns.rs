@@ -290,10 +290,7 @@ fn scalar(column: &Sample, topic: &Topic) -> Option<Guess> {
             None if largest <= ends.0 => made(
                 ours,
                 "rad",
-                &format!(
-                    "values up to {largest:.4} are radians, unless the flight is near 0 \
-                                            degrees"
-                ),
+                &format!("values up to {largest:.4} are radians, unless the flight is near 0 degrees"),
             ),
             None if largest <= ends.1 => made(ours, "deg", &format!("values up to {largest:.2} are degrees")),
             None if column.whole && largest <= ends.2 => {

@@ -44,9 +44,8 @@ pub enum FitError {
     Constant,
     /// The correlation time is too long for the record.
     #[error(
-        "the record is too short for its correlation time of about {tau_s:.0} s: it lasts {total_s:.0} s, its longest \
-         run \
-         {longest_s:.0} s, but 20 and 8 correlation times are required"
+        "the record is too short for its correlation time of about {tau_s:.0} s: it lasts {total_s:.0} s, its \
+         longest run {longest_s:.0} s, but 20 and 8 correlation times are required"
     )]
     Unresolved {
         /// The correlation time that fits best, s.
